@@ -1,0 +1,42 @@
+//! Every byte of an `.hlod` file.
+//!
+//! ```text
+//! header · root skeleton block · root pages · other skeleton blocks · pages in depth, then Morton order
+//! └──────────── the first read: a covering picture ──────────┘
+//! ```
+//!
+//! The crate knows neither threads nor windows nor the GPU. Writing goes through
+//! [`FileWriter`]; reading is a set of functions from byte slices to owned values
+//! ([`Header::parse`], [`SkeletonBlock::parse`], [`decode_mesh`]), so that local files, HTTP
+//! ranges and tests share them, plus [`HlodFile`], which applies them to a file on disk.
+//!
+//! Everything read is untrusted: lengths are checked before anything is allocated, checksums
+//! before anything is decoded, indices before anything is handed out.
+
+mod bytes;
+mod cell;
+mod container;
+mod error;
+mod header;
+mod lattice;
+mod mesh;
+mod octahedral;
+mod page;
+mod pread;
+mod skeleton;
+
+pub use cell::{CellKey, MAX_DEPTH};
+pub use container::{FileWriter, HlodFile};
+pub use error::FormatError;
+pub use header::{
+    AttributeDeclaration, AttributeDomain, AttributeType, FORMAT_VERSION, HEADER_BYTES_MAX, Header,
+    PageRef, SignedAxis, SourceFile, Unit,
+};
+pub use lattice::Lattice;
+pub use mesh::Mesh;
+pub use octahedral::OctNormal;
+pub use page::{decode_mesh, encode_mesh, encoded_mesh_counts};
+pub use skeleton::{
+    BLOCK_BYTES_MAX, BlockRef, BoundStatus, Children, Errors, NodeFlags, NodeRecord, NormalCone,
+    Representation, RepresentationKind, SkeletonBlock,
+};
