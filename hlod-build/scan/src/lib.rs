@@ -1,0 +1,287 @@
+//! Streaming readers for scans: PLY, OBJ, STL and glTF 2.0 into batches of vertices
+//! and triangles.
+//!
+//! [`ScanReader`] opens one file and hands out [`Batch`]es in file order; [`load`]
+//! reads one or several files as one [`ScanMesh`] in memory.
+//!
+//! | format | read | memory |
+//! |---|---|---|
+//! | PLY | ASCII, binary of both byte orders; any element and property | fixed; with faces of four and more corners also 24 bytes a vertex |
+//! | STL | ASCII, binary | fixed |
+//! | glTF 2.0 | `.glb`, `.gltf` with sibling files or `data:` URIs | the JSON part, sparse accessors |
+//! | OBJ | vertices, normals, colours, faces | the whole model |
+//!
+//! Files come from anywhere and are not trusted: a count is compared with the file's
+//! size before it is believed, every index is checked, and whatever is wrong is a
+//! [`ScanError`] that names file and place.
+//!
+//! Reading order of the source: `input` (buffer, words, lines), `ply` (the main
+//! format), `stl`, `obj`, `gltf`, then `polygon` (triangulation) and `mesh` (welding,
+//! normals).
+
+mod error;
+mod gltf;
+mod input;
+mod mesh;
+mod obj;
+mod ply;
+mod polygon;
+mod report;
+mod sniff;
+mod stl;
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use glam::{DVec3, Vec3};
+use serde::Serialize;
+
+pub use error::{Place, ScanError, Spot};
+pub use mesh::{ScanMesh, Weld, angle_weighted_normals, load, weld_exact};
+pub use report::ScanReport;
+
+use input::Input;
+
+/// Most vertices or triangles of one batch.
+pub const BATCH_ITEMS_MAX: usize = 64 * 1024;
+
+/// Some vertices or some triangles of a scan.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Batch {
+    /// The next vertices; they are numbered through all batches, from 0.
+    Vertices(VertexBatch),
+    /// The next triangles.
+    Triangles(TriangleBatch),
+}
+
+/// At most [`BATCH_ITEMS_MAX`] vertices, one array for each attribute.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct VertexBatch {
+    /// Positions in the file's own coordinates and unit; always finite.
+    pub positions: Vec<DVec3>,
+    /// Normals of unit length, or zero where the file has none that can be used (zero
+    /// length, NaN). Empty if the file has no normals.
+    pub normals: Vec<Vec3>,
+    /// Red, green, blue in sRGB, then alpha. Empty if the file has no colours.
+    pub colours: Vec<[u8; 4]>,
+}
+
+/// At most [`BATCH_ITEMS_MAX`] triangles.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TriangleBatch {
+    /// Corners as indices into the file's vertices in order of delivery, each below
+    /// the file's vertex count, all three different. In PLY files whose faces come
+    /// before the vertices they may name vertices that are delivered later.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// A format read here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum ScanFormat {
+    /// PLY, numbers as text.
+    PlyAscii,
+    /// PLY, binary, least significant byte first.
+    PlyLittleEndian,
+    /// PLY, binary, most significant byte first.
+    PlyBigEndian,
+    /// Wavefront OBJ.
+    Obj,
+    /// STL as text.
+    StlAscii,
+    /// Binary STL.
+    StlBinary,
+    /// glTF 2.0 as JSON with its buffers elsewhere.
+    Gltf,
+    /// Binary glTF 2.0.
+    Glb,
+}
+
+impl fmt::Display for ScanFormat {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            ScanFormat::PlyAscii => "PLY (ASCII)",
+            ScanFormat::PlyLittleEndian => "PLY (binary, little endian)",
+            ScanFormat::PlyBigEndian => "PLY (binary, big endian)",
+            ScanFormat::Obj => "OBJ",
+            ScanFormat::StlAscii => "STL (ASCII)",
+            ScanFormat::StlBinary => "STL (binary)",
+            ScanFormat::Gltf => "glTF 2.0",
+            ScanFormat::Glb => "glTF 2.0 (binary)",
+        })
+    }
+}
+
+/// What is known of a scan before its data is read.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct ScanHeader {
+    /// The file.
+    pub path: PathBuf,
+    /// Its format.
+    pub format: ScanFormat,
+    /// Its size.
+    pub file_bytes: u64,
+    /// Vertices that will be delivered, where the file tells.
+    pub vertices_declared: Option<u64>,
+    /// Faces in the file, where it tells; not triangles: faces may have more corners.
+    pub faces_declared: Option<u64>,
+    /// Whether vertex batches have normals.
+    pub has_normals: bool,
+    /// Whether vertex batches have colours.
+    pub has_colours: bool,
+    /// Whether the file knows no shared vertices (STL): then there are three vertices
+    /// for each triangle, to be welded by equal position.
+    pub is_triangle_soup: bool,
+}
+
+/// One scan file opened for reading; yields batches in file order.
+pub struct ScanReader {
+    header: ScanHeader,
+    report: ScanReport,
+    body: Box<dyn ReadBatches>,
+    ended: bool,
+}
+
+impl fmt::Debug for ScanReader {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ScanReader")
+            .field("header", &self.header)
+            .field("report", &self.report)
+            .finish_non_exhaustive()
+    }
+}
+
+/// What each format implements. Vertices and triangles delivered are counted by
+/// [`ScanReader`], everything else in the report by the implementation.
+trait ReadBatches: Send {
+    fn next_batch(&mut self, report: &mut ScanReport) -> Result<Option<Batch>, ScanError>;
+    fn bytes_read(&self) -> u64;
+}
+
+impl ScanReader {
+    /// Opens a scan and reads its header. The format is told by the content first
+    /// (magic), by the extension second.
+    ///
+    /// # Errors
+    ///
+    /// If the file cannot be opened, is of no format read here, or its header is
+    /// wrong: in particular if it declares more than the file can hold.
+    pub fn open(path: &Path) -> Result<ScanReader, ScanError> {
+        let mut input = Input::open(path)?;
+        let file_bytes = input.file_bytes();
+        let format = sniff::format_of(&mut input)?;
+        let mut report = ScanReport::new(path.to_path_buf(), format, file_bytes);
+        let opened = match format {
+            ScanFormat::PlyAscii | ScanFormat::PlyLittleEndian | ScanFormat::PlyBigEndian => {
+                ply::open(input, &mut report)?
+            }
+            ScanFormat::Obj => obj::open(input, &mut report)?,
+            ScanFormat::StlAscii => stl::open_ascii(input),
+            ScanFormat::StlBinary => stl::open_binary(input, &mut report)?,
+            ScanFormat::Gltf | ScanFormat::Glb => gltf::open(input, &mut report)?,
+        };
+        Ok(ScanReader {
+            header: ScanHeader {
+                path: path.to_path_buf(),
+                // The PLY header itself tells which of its three encodings it is.
+                format: report.format,
+                file_bytes,
+                vertices_declared: opened.vertices,
+                faces_declared: opened.faces,
+                has_normals: opened.has_normals,
+                has_colours: opened.has_colours,
+                is_triangle_soup: opened.is_triangle_soup,
+            },
+            report,
+            body: opened.body,
+            ended: false,
+        })
+    }
+
+    /// What the file says about itself.
+    pub fn header(&self) -> &ScanHeader {
+        &self.header
+    }
+
+    /// Bytes consumed of the file so far, for progress bars.
+    pub fn bytes_read(&self) -> u64 {
+        self.body.bytes_read().min(self.header.file_bytes)
+    }
+
+    /// The next vertices or triangles, `None` once all were delivered. After an error
+    /// there are no more batches.
+    ///
+    /// # Errors
+    ///
+    /// If the content is wrong or cut short, and, at the end, if there was no vertex
+    /// or no triangle.
+    pub fn next_batch(&mut self) -> Result<Option<Batch>, ScanError> {
+        if self.ended {
+            return Ok(None);
+        }
+        let batch = self.body.next_batch(&mut self.report);
+        match &batch {
+            Ok(Some(Batch::Vertices(batch))) => {
+                self.report.vertices += batch.positions.len() as u64;
+            }
+            Ok(Some(Batch::Triangles(batch))) => {
+                self.report.triangles += batch.triangles.len() as u64;
+            }
+            Ok(None) => {
+                self.ended = true;
+                self.check_something_was_read()?;
+            }
+            Err(_) => self.ended = true,
+        }
+        batch
+    }
+
+    /// Counts and remarks; complete only once [`ScanReader::next_batch`] returned
+    /// `None`.
+    pub fn report(&self) -> &ScanReport {
+        &self.report
+    }
+
+    fn check_something_was_read(&self) -> Result<(), ScanError> {
+        let at = Spot::new(&self.header.path, Place::File);
+        let report = &self.report;
+        let faces = report.faces_read + report.strips;
+        match (report.vertices, report.triangles) {
+            (_, 1..) => Ok(()),
+            (_, 0) if faces > 0 => Err(ScanError::AllDegenerate { at, faces }),
+            (0, 0) => Err(ScanError::NoGeometry { at }),
+            (vertices, 0) => Err(ScanError::PointsOnly { at, vertices }),
+        }
+    }
+}
+
+/// A format's reader after its header: what the header said, and the rest.
+struct Opened {
+    vertices: Option<u64>,
+    faces: Option<u64>,
+    has_normals: bool,
+    has_colours: bool,
+    is_triangle_soup: bool,
+    body: Box<dyn ReadBatches>,
+}
+
+/// A normal as [`VertexBatch`] promises it: of unit length, or zero if `normal` cannot
+/// be used, which is then counted.
+fn unit_normal(normal: DVec3, report: &mut ScanReport) -> Vec3 {
+    // The longest component first, so that no square overflows or underflows.
+    let scale = normal.abs().max_element();
+    let unit = (normal / scale).normalize_or_zero();
+    if normal.is_finite() && unit != DVec3::ZERO {
+        return unit.as_vec3();
+    }
+    report.normals_absent += 1;
+    Vec3::ZERO
+}
+
+/// `value` in 0..=1 as an 8-bit number; outside and NaN are clamped.
+fn unit_to_byte(value: f64) -> u8 {
+    // The cast saturates and maps NaN to 0.
+    (value * 255.0).round() as u8
+}

@@ -1,0 +1,202 @@
+//! PLY: the format that most scans come in.
+//!
+//! `header` reads the table of contents, `values` single numbers in the three
+//! encodings, and `body` turns records into batches. This module decides what each
+//! element and property is for; what has no use is passed over and named in the
+//! report.
+
+mod body;
+mod header;
+mod values;
+
+use crate::Opened;
+use crate::error::{Place, ScanError, Spot};
+use crate::input::Input;
+use crate::report::ScanReport;
+
+use body::PlyReader;
+use header::{Element, PropertyType, ScalarType};
+
+/// What a number of a vertex means: its place in a vertex's array of numbers.
+const SLOT_NAMES: [&[&str]; SLOT_COUNT] = [
+    &["x"],
+    &["y"],
+    &["z"],
+    &["nx"],
+    &["ny"],
+    &["nz"],
+    &["red", "diffuse_red"],
+    &["green", "diffuse_green"],
+    &["blue", "diffuse_blue"],
+    &["alpha", "diffuse_alpha"],
+];
+const SLOT_COUNT: usize = 10;
+const POSITION: std::ops::Range<usize> = 0..3;
+const NORMAL: std::ops::Range<usize> = 3..6;
+const COLOUR: std::ops::Range<usize> = 6..9;
+const ALPHA: usize = 9;
+
+/// Reads the header and plans the rest.
+pub(crate) fn open(mut input: Input, report: &mut ScanReport) -> Result<Opened, ScanError> {
+    let header = header::read(&mut input)?;
+    report.format = header.format;
+    let at = Spot::new(input.path(), Place::File);
+
+    let mut plans = Vec::new();
+    let mut faces = None;
+    for element in header.elements {
+        let plan = plan(element, &at)?;
+        report_skipped(&plan, report);
+        if matches!(plan.role, Role::Faces(_)) {
+            faces = Some(plan.element.count);
+        }
+        plans.push(plan);
+    }
+
+    let vertex = plans.iter().find_map(|plan| match &plan.role {
+        Role::Vertices(columns) => Some((plan.element.count, columns.clone())),
+        _ => None,
+    });
+    let (vertices, columns) = vertex.unwrap_or_default();
+    let vertex_count =
+        u32::try_from(vertices).map_err(|_| ScanError::TooManyVertices { at, vertices })?;
+    let body = PlyReader::new(input, header.format, plans, vertex_count);
+    Ok(Opened {
+        vertices: Some(vertices),
+        faces,
+        has_normals: columns.has_normals,
+        has_colours: columns.has_colours,
+        is_triangle_soup: false,
+        body: Box::new(body),
+    })
+}
+
+/// An element and what to do with it.
+struct Plan {
+    element: Element,
+    role: Role,
+}
+
+enum Role {
+    Vertices(Columns),
+    /// Polygons.
+    Faces(CornerList),
+    /// Triangle strips.
+    Strips(CornerList),
+    Skipped,
+}
+
+/// The list property that names vertices: its number and types.
+#[derive(Clone, Copy)]
+struct CornerList {
+    property: usize,
+    count: ScalarType,
+    item: ScalarType,
+}
+
+/// Where a vertex's numbers are.
+#[derive(Clone, Default)]
+struct Columns {
+    /// Slot of each property, in file order.
+    slots: Vec<Option<usize>>,
+    has_normals: bool,
+    has_colours: bool,
+    has_alpha: bool,
+    /// Brings red, green, blue and alpha to 0..=1.
+    colour_scales: [f64; 4],
+}
+
+fn plan(element: Element, at: &Spot) -> Result<Plan, ScanError> {
+    let role = match (element.name.as_str(), corner_list(&element)) {
+        ("vertex", _) => Role::Vertices(vertex_columns(&element, at)?),
+        ("face", Some(list)) => Role::Faces(list),
+        ("tristrips", Some(list)) => Role::Strips(list),
+        _ => Role::Skipped,
+    };
+    Ok(Plan { element, role })
+}
+
+fn corner_list(element: &Element) -> Option<CornerList> {
+    let properties = element.properties.iter().enumerate();
+    let mut named = properties.filter(|(_, property)| {
+        matches!(property.name.as_str(), "vertex_indices" | "vertex_index")
+    });
+    named.find_map(|(index, property)| match property.of {
+        PropertyType::List { count, item } => Some(CornerList { property: index, count, item }),
+        PropertyType::Scalar(_) => None,
+    })
+}
+
+fn vertex_columns(element: &Element, at: &Spot) -> Result<Columns, ScanError> {
+    // Find each slot's property; the first of its names wins.
+    let found = SLOT_NAMES.map(|names| {
+        names.iter().find_map(|name| {
+            let mut properties = element.properties.iter().enumerate();
+            properties.find_map(|(index, property)| match property.of {
+                PropertyType::Scalar(scalar) if property.name == *name => Some((index, scalar)),
+                _ => None,
+            })
+        })
+    });
+    for axis in POSITION {
+        if found[axis].is_none() {
+            let name = SLOT_NAMES[axis][0];
+            let what = format!("element `vertex` has no number property `{name}`");
+            return Err(ScanError::malformed(at.clone(), what));
+        }
+    }
+
+    // A normal or a colour that lacks a component is of no use.
+    let has = |mut slots: std::ops::Range<usize>| slots.all(|slot| found[slot].is_some());
+    let has_normals = has(NORMAL);
+    let has_colours = has(COLOUR);
+    let has_alpha = has_colours && found[ALPHA].is_some();
+    let is_used = |slot: usize| {
+        POSITION.contains(&slot)
+            || NORMAL.contains(&slot) && has_normals
+            || COLOUR.contains(&slot) && has_colours
+            || slot == ALPHA && has_alpha
+    };
+
+    let mut columns = Columns {
+        slots: vec![None; element.properties.len()],
+        has_normals,
+        has_colours,
+        has_alpha,
+        colour_scales: [1.0; 4],
+    };
+    for (slot, property) in found.iter().enumerate() {
+        let Some((index, scalar)) = property.filter(|_| is_used(slot)) else {
+            continue;
+        };
+        columns.slots[index] = Some(slot);
+        if slot >= COLOUR.start {
+            columns.colour_scales[slot - COLOUR.start] = match scalar {
+                ScalarType::F32 | ScalarType::F64 => 1.0,
+                ScalarType::U16 => 1.0 / 65535.0,
+                // Wider integers hold 0..=255 where they are met.
+                _ => 1.0 / 255.0,
+            };
+        }
+    }
+    Ok(columns)
+}
+
+fn report_skipped(plan: &Plan, report: &mut ScanReport) {
+    let element = &plan.element;
+    let is_used = |index: usize| match &plan.role {
+        Role::Vertices(columns) => columns.slots[index].is_some(),
+        Role::Faces(list) | Role::Strips(list) => list.property == index,
+        Role::Skipped => false,
+    };
+    if let Role::Skipped = plan.role {
+        report.skipped.push(format!("element {}", element.name));
+        return;
+    }
+    for (index, property) in element.properties.iter().enumerate() {
+        if !is_used(index) {
+            let name = format!("property {}.{}", element.name, property.name);
+            report.skipped.push(name);
+        }
+    }
+}

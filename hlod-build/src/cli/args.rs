@@ -1,0 +1,227 @@
+//! The command line as typed, and as validated options.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use hlod_build::{BuildOptions, Selection};
+use hlod_compress::{RepresentationKind, SignedAxis, Unit};
+
+/// Turn a scan into one .hlod file: an octree of levels of detail with known error.
+#[derive(Parser)]
+#[command(name = "hlod-build", version, max_term_width = 100)]
+#[command(
+    after_help = "Exit status: 0 good, 1 the work failed, 2 wrong usage, 3 checked and refuted."
+)]
+pub struct Cli {
+    /// No progress bars and no remarks.
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Subcommand)]
+pub enum Command {
+    /// Build an .hlod file from one or several scans (PLY, OBJ, STL, GLB, glTF).
+    Build(BuildArgs),
+    /// Say what is in an .hlod file, level by level.
+    Info(InfoArgs),
+    /// Check an .hlod file, and try to refute the errors it states.
+    Verify(VerifyArgs),
+    /// Write one level of detail as a PLY file.
+    Export(ExportArgs),
+    /// Make a sample: a carved bust on a plinth with an inscription of known depths.
+    Synth(SynthArgs),
+}
+
+/// Where machine-readable results go.
+#[derive(Args)]
+pub struct JsonArgs {
+    /// Print the result as JSON, or write it to FILE.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
+    pub json: Option<Option<PathBuf>>,
+}
+
+#[derive(Args)]
+pub struct BuildArgs {
+    /// Scans; several make one model.
+    #[arg(required = true)]
+    pub input: Vec<PathBuf>,
+    /// The file to write.
+    #[arg(long, short)]
+    pub output: PathBuf,
+    /// A node may be wrong by its cell's edge divided by this.
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=65536))]
+    pub resolution: u32,
+    /// Cells with more triangles are split.
+    #[arg(long, default_value_t = 16_384, value_parser = clap::value_parser!(u32).range(64..=1_000_000))]
+    pub leaf_triangles: u32,
+    /// Precision of the leaves in the scan's unit [default: the scan's own, where it is
+    /// quantised, else a sixteenth of its short edges].
+    #[arg(long, value_parser = positive)]
+    pub precision: Option<f64>,
+    /// Worker threads [default: one a core].
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
+    pub threads: Option<u16>,
+    /// Unit of the scan's coordinates: mm, cm, m, um, in.
+    #[arg(long, default_value = "unknown")]
+    pub unit: Unit,
+    /// Which way is up: +x -x +y -y +z -z.
+    #[arg(long, default_value = "+y", allow_hyphen_values = true)]
+    pub up: SignedAxis,
+    /// Which way the statue faces [default: +z, or -y where up is along z].
+    #[arg(long, allow_hyphen_values = true)]
+    pub front: Option<SignedAxis>,
+    /// Replace an existing output.
+    #[arg(long)]
+    pub force: bool,
+    /// Also write the report, with time and memory of each stage, to this file.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
+        _ => Err("expected a positive number".into()),
+    }
+}
+
+impl BuildArgs {
+    pub fn options(&self) -> Result<BuildOptions, String> {
+        let z_up = self.up.axis == 2;
+        let usual = SignedAxis { axis: if z_up { 1 } else { 2 }, negative: z_up };
+        let front = self.front.unwrap_or(usual);
+        if front.axis == self.up.axis {
+            return Err(format!("--front {front} is along --up {}", self.up));
+        }
+        Ok(BuildOptions {
+            resolution: self.resolution,
+            leaf_triangles: self.leaf_triangles,
+            precision: self.precision,
+            unit: self.unit,
+            up: self.up,
+            front,
+            force: self.force,
+        })
+    }
+}
+
+#[derive(Args)]
+pub struct InfoArgs {
+    /// The .hlod file.
+    pub file: PathBuf,
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+#[derive(Args)]
+pub struct VerifyArgs {
+    /// The .hlod file.
+    pub file: PathBuf,
+    /// The scans it was built from: leaves are compared with them too.
+    #[arg(long, num_args = 1.., value_name = "INPUT")]
+    pub against: Vec<PathBuf>,
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum Kind {
+    Appearance,
+    Geometric,
+}
+
+#[derive(Args)]
+#[group(id = "selection", required = true, multiple = false, args = ["depth", "error", "max_triangles", "leaves"])]
+pub struct ExportArgs {
+    /// The .hlod file.
+    pub file: PathBuf,
+    /// The PLY file to write.
+    #[arg(long, short)]
+    pub output: PathBuf,
+    /// Nodes of this depth (0 = the coarsest), and leaves above it.
+    #[arg(long)]
+    pub depth: Option<u8>,
+    /// The coarsest nodes with at most this error, in the scan's unit.
+    #[arg(long, value_parser = positive)]
+    pub error: Option<f64>,
+    /// As fine as so many triangles allow.
+    #[arg(long)]
+    pub max_triangles: Option<u64>,
+    /// The scan's own geometry.
+    #[arg(long)]
+    pub leaves: bool,
+    /// Which hierarchy.
+    #[arg(long, value_enum, default_value = "appearance")]
+    pub representation: Kind,
+    /// Replace an existing output.
+    #[arg(long)]
+    pub force: bool,
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+impl ExportArgs {
+    pub fn selection(&self) -> Selection {
+        // The argument group makes sure that exactly one is there.
+        match (self.depth, self.error, self.max_triangles) {
+            (Some(depth), ..) => Selection::Depth(depth),
+            (_, Some(error), _) => Selection::Error(error),
+            (.., Some(count)) => Selection::MaxTriangles(count),
+            _ => Selection::Leaves,
+        }
+    }
+
+    pub fn kind(&self) -> RepresentationKind {
+        match self.representation {
+            Kind::Appearance => RepresentationKind::Appearance,
+            Kind::Geometric => RepresentationKind::Geometric,
+        }
+    }
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum Subject {
+    Statue,
+}
+
+#[derive(Args)]
+pub struct SynthArgs {
+    /// What to make.
+    #[arg(value_enum)]
+    pub subject: Subject,
+    /// How many triangles, as in 300K, 8M, 1G; the count comes out within a few per cent.
+    #[arg(long, default_value = "1M", value_parser = count)]
+    pub triangles: u64,
+    /// Seed of noise and chisel marks.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// The PLY file to write.
+    #[arg(long, short, required_unless_present = "describe")]
+    pub output: Option<PathBuf>,
+    /// Print the statue's known lengths, depths and angles as JSON instead.
+    #[arg(long, conflicts_with = "output")]
+    pub describe: bool,
+    /// Replace an existing output.
+    #[arg(long)]
+    pub force: bool,
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+/// A count with an optional K, M or G.
+fn count(text: &str) -> Result<u64, String> {
+    let (digits, factor) = match text.char_indices().last() {
+        Some((i, 'k' | 'K')) => (&text[..i], 1e3),
+        Some((i, 'M')) => (&text[..i], 1e6),
+        Some((i, 'G')) => (&text[..i], 1e9),
+        _ => (text, 1.0),
+    };
+    match digits.parse::<f64>() {
+        Ok(value) if value > 0.0 && value * factor < 1e18 => Ok((value * factor).round() as u64),
+        _ => Err("expected a count such as 300K, 8M or 1G".into()),
+    }
+}

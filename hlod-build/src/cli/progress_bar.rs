@@ -1,0 +1,53 @@
+//! Progress on a terminal.
+
+use std::sync::Mutex;
+use std::time::Duration;
+
+use hlod_build::progress::{Progress, Unit};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+/// One bar a stage on stderr; nothing where stderr is not a terminal.
+pub struct Bars {
+    visible: bool,
+    current: Mutex<ProgressBar>,
+}
+
+impl Bars {
+    pub fn new(quiet: bool) -> Bars {
+        Bars { visible: !quiet, current: Mutex::new(ProgressBar::hidden()) }
+    }
+
+    fn bar(&self) -> ProgressBar {
+        self.current.lock().map_or_else(|_| ProgressBar::hidden(), |bar| bar.clone())
+    }
+}
+
+impl Progress for Bars {
+    fn begin(&self, stage: &'static str, total: u64, unit: Unit) {
+        // indicatif hides itself where stderr is not a terminal, and obeys NO_COLOR.
+        let target =
+            if self.visible { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+        let counts = match unit {
+            Unit::Bytes => "{bytes}/{total_bytes} {bytes_per_sec}",
+            Unit::Triangles => "{human_pos}/{human_len} triangles {per_sec}",
+            Unit::Nodes => "{human_pos}/{human_len} nodes {per_sec}",
+        };
+        let template = format!("{{msg:>10}} {{bar:32.cyan/dim}} {counts}  {{eta}} left");
+        let style = ProgressStyle::with_template(&template)
+            .unwrap_or_else(|_| ProgressStyle::default_bar());
+        let bar = ProgressBar::with_draw_target(Some(total), target).with_style(style);
+        bar.set_message(stage);
+        bar.enable_steady_tick(Duration::from_millis(100));
+        if let Ok(mut current) = self.current.lock() {
+            *current = bar;
+        }
+    }
+
+    fn advance(&self, count: u64) {
+        self.bar().inc(count);
+    }
+
+    fn end(&self) {
+        self.bar().finish();
+    }
+}

@@ -1,0 +1,202 @@
+//! Results for people.
+
+use std::path::Path;
+
+use comfy_table::{CellAlignment, Table, presets};
+use hlod_build::synth::StatueReport;
+use hlod_build::{BuildReport, ExportReport, Info, VerifyReport};
+use hlod_scan::ScanReport;
+
+/// A borderless table whose first column is text and whose others are numbers.
+fn table(header: &[&str]) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_header(header.to_vec());
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table
+}
+
+/// 12,345,678
+fn grouped(value: u64) -> String {
+    let digits = value.to_string();
+    let mut out = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            out.push(',');
+        }
+        out.push(digit);
+    }
+    out
+}
+
+fn megabytes(bytes: u64) -> String {
+    format!("{:.2} MB", bytes as f64 / 1e6)
+}
+
+/// Four significant digits.
+fn length(value: f64) -> String {
+    if value == 0.0 {
+        return "0".into();
+    }
+    let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 12);
+    format!("{value:.*}", digits as usize)
+}
+
+fn with_unit(text: String, unit: &str) -> String {
+    if unit == "unknown" { format!("{text} (unit unknown)") } else { format!("{text} {unit}") }
+}
+
+pub fn build(report: &BuildReport) -> String {
+    let costs = &report.costs;
+    let mut stages = table(&["stage", "wall s", "cpu s"]);
+    for stage in &costs.stages {
+        let times = [stage.wall_secs, stage.cpu_secs].map(|t| format!("{t:.2}"));
+        stages.add_row([stage.name, &times[0], &times[1]]);
+    }
+    stages.add_row(["all", &format!("{:.2}", costs.wall_secs), &format!("{:.2}", costs.cpu_secs)]);
+    let rate = report.triangles_input as f64 / costs.cpu_secs.max(1e-9) / 1e3;
+    format!(
+        "{}: {} in {} nodes, {:.2} bytes a triangle\n{stages}\n{} triangles, {rate:.0} K a CPU second, peak memory {}",
+        report.output.display(),
+        megabytes(report.bytes_total),
+        report.nodes,
+        report.bytes_total as f64 / report.triangles_input.max(1) as f64,
+        grouped(report.triangles_input),
+        megabytes(costs.peak_rss_bytes),
+    )
+}
+
+/// What a reader skipped or repaired, in words.
+pub fn input_remarks(report: &ScanReport) -> Vec<String> {
+    let mut out = Vec::new();
+    if !report.skipped.is_empty() {
+        out.push(format!("not used: {}", report.skipped.join(", ")));
+    }
+    if report.degenerate_faces > 0 {
+        out.push(format!("{} degenerate faces left out", grouped(report.degenerate_faces)));
+    }
+    out.extend(report.warnings.iter().cloned());
+    out
+}
+
+pub fn info(info: &Info) -> String {
+    let triangles = info.triangles_input.max(1) as f64;
+    let mut parts = table(&["part", "bytes", "a triangle"]);
+    for (name, bytes) in [
+        ("leaves", info.bytes_leaves),
+        ("appearance, upper", info.bytes_appearance_upper),
+        ("geometric, upper", info.bytes_geometric_upper),
+        ("header, skeleton", info.bytes_skeleton),
+        ("file", info.bytes_total),
+    ] {
+        parts.add_row([name, &grouped(bytes), &format!("{:.3}", bytes as f64 / triangles)]);
+    }
+    let mut levels =
+        table(&["depth", "nodes", "leaves", "triangles", "points", "geometric", "error"]);
+    for level in &info.levels {
+        levels.add_row([
+            level.depth.to_string(),
+            grouped(level.nodes),
+            grouped(level.leaves),
+            format!("{:.0}", level.triangles_mean),
+            format!("{:.0}", level.points_mean),
+            format!("{:.0}", level.triangles_geometric_mean),
+            length(level.error_max),
+        ]);
+    }
+    let size: Vec<String> =
+        (0..3).map(|i| length(info.bounds_max[i] - info.bounds_min[i])).collect();
+    let sources: Vec<String> = info
+        .sources
+        .iter()
+        .map(|s| {
+            format!("{} ({}, SHA-256 {}…)", s.base_name, megabytes(s.file_bytes), &s.sha256[..12])
+        })
+        .collect();
+    format!(
+        "from         {}\nsize         {}, up {}, front {}\nprecision    {}\n\
+         triangles    {} read, {} nodes, R = {}, T = {}\nattributes   {}\nsurface      {}\n\
+         errors       {} against the scan file\n\n{parts}\n\n{levels}\n\
+         (means a node; the largest error of a depth, in the scan's unit)",
+        sources.join("\n             "),
+        with_unit(size.join(" × "), info.unit),
+        info.up,
+        info.front,
+        with_unit(length(info.precision_step), info.unit),
+        grouped(info.triangles_input),
+        grouped(info.nodes),
+        info.resolution,
+        info.leaf_triangles,
+        info.attributes.join(", "),
+        if info.closed_oriented {
+            "closed, facing outwards"
+        } else {
+            "open or not consistently oriented"
+        },
+        info.error_status,
+    )
+}
+
+pub fn verify(report: &VerifyReport) -> String {
+    let mut summary = table(&["check", "result"]);
+    for (name, value) in [
+        ("nodes", grouped(report.nodes)),
+        ("representations sampled", grouped(report.representations_sampled)),
+        ("over their stored error", grouped(report.nodes_over_bound)),
+        ("stored ÷ sampled, median", format!("{:.3}", report.tightness_median)),
+        ("stored ÷ sampled, 95 %", format!("{:.3}", report.tightness_p95)),
+        ("independent bound ÷ stored, max", format!("{:.3}", report.independent_ratio_max)),
+        (
+            "leaves that differ from the input",
+            if report.leaves_compared {
+                grouped(report.leaves_differ)
+            } else {
+                "not compared".into()
+            },
+        ),
+    ] {
+        summary.add_row([name, &value]);
+    }
+    let verdict = if report.is_refuted() { "REFUTED" } else { "nothing refuted" };
+    let problems: String = report.problems.iter().map(|p| format!("\n- {p}")).collect();
+    format!("{summary}\n{verdict}{problems}")
+}
+
+pub fn export(report: &ExportReport, output: &Path) -> String {
+    format!(
+        "{}: {} vertices, {} triangles from {} nodes, error at most {}",
+        output.display(),
+        grouped(report.vertices),
+        grouped(report.triangles),
+        grouped(report.nodes),
+        length(report.error_max),
+    )
+}
+
+pub fn synth(report: &StatueReport, output: &Path) -> String {
+    format!(
+        "{}: {} triangles, {} vertices, {}, spacing {} mm, noise σ {} mm",
+        output.display(),
+        grouped(report.triangles),
+        grouped(report.vertices),
+        megabytes(report.file_bytes),
+        length(report.spacing_mm),
+        length(report.noise_sigma_mm),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_written_for_people() {
+        assert_eq!(grouped(0), "0");
+        assert_eq!(grouped(999), "999");
+        assert_eq!(grouped(1_087_716), "1,087,716");
+        assert_eq!(length(0.000_123_456), "0.0001235");
+        assert_eq!(length(156.44), "156.4");
+        assert_eq!(with_unit("3".into(), "unknown"), "3 (unit unknown)");
+    }
+}

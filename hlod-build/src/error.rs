@@ -1,0 +1,77 @@
+//! What can go wrong in a build and in the commands that read its result.
+
+use std::path::{Path, PathBuf};
+
+use hlod_compress::FormatError;
+use hlod_scan::ScanError;
+
+/// A failed build or command, with the file it concerns.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BuildError {
+    /// A scan cannot be read.
+    #[error(transparent)]
+    Scan(#[from] ScanError),
+    /// An `.hlod` file cannot be read or written.
+    #[error("{path}: {source}")]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: FormatError,
+    },
+    /// The operating system refused.
+    #[error("{path}: cannot {what}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What was attempted.
+        what: &'static str,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// The output is there already.
+    #[error("{0}: exists already; give --force to replace it")]
+    OutputExists(PathBuf),
+    /// The output would replace an input.
+    #[error("{0}: is an input; give another name to -o")]
+    OutputIsInput(PathBuf),
+    /// Nothing of the input has an area.
+    #[error(
+        "{path}: all {triangles} triangles are degenerate at the precision of {step} units; give a smaller --precision"
+    )]
+    NothingLeft {
+        /// The first input.
+        path: PathBuf,
+        /// How many there were.
+        triangles: u64,
+        /// The lattice's step.
+        step: f64,
+    },
+    /// A program ends before its work does.
+    #[error("{0}")]
+    Usage(String),
+}
+
+impl BuildError {
+    /// Whether the command line, not the data, is at fault.
+    pub fn is_usage(&self) -> bool {
+        match self {
+            BuildError::Scan(error) => error.is_usage(),
+            BuildError::OutputExists(_) | BuildError::OutputIsInput(_) | BuildError::Usage(_) => {
+                true
+            }
+            _ => false,
+        }
+    }
+
+    pub(crate) fn format(path: &Path) -> impl FnOnce(FormatError) -> BuildError {
+        let path = path.to_owned();
+        move |source| BuildError::Format { path, source }
+    }
+
+    pub(crate) fn io(path: &Path, what: &'static str) -> impl FnOnce(std::io::Error) -> BuildError {
+        let path = path.to_owned();
+        move |source| BuildError::Io { path, what, source }
+    }
+}

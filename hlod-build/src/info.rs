@@ -1,0 +1,164 @@
+//! What is in a file, level by level.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use hlod_compress::{BoundStatus, HlodFile, NodeRecord, RepresentationKind};
+use serde::Serialize;
+
+use crate::error::BuildError;
+
+/// Contents of an `.hlod` file; the keys are stable.
+#[derive(Debug, Serialize)]
+pub struct Info {
+    /// Format version.
+    pub format_version: u32,
+    /// Unit of lengths, or `unknown`.
+    pub unit: &'static str,
+    /// Which source axis points up.
+    pub up: String,
+    /// Which source axis points to the front.
+    pub front: String,
+    /// Lowest corner of all geometry, in source coordinates.
+    pub bounds_min: [f64; 3],
+    /// Highest corner.
+    pub bounds_max: [f64; 3],
+    /// Distance between the positions that leaves can have: their precision.
+    pub precision_step: f64,
+    /// Build option R.
+    pub resolution: u32,
+    /// Build option T.
+    pub leaf_triangles: u32,
+    /// Attributes of vertices.
+    pub attributes: Vec<String>,
+    /// The inputs: base name, bytes, SHA-256.
+    pub sources: Vec<SourceInfo>,
+    /// Triangles read from the inputs.
+    pub triangles_input: u64,
+    /// Octree nodes.
+    pub nodes: u64,
+    /// Whether every node is marked as closed and outward facing.
+    pub closed_oriented: bool,
+    /// How far errors can be trusted: `measured` or `proven`.
+    pub error_status: &'static str,
+    /// Length of the file: the sum of the four parts.
+    pub bytes_total: u64,
+    /// Pages of leaves.
+    pub bytes_leaves: u64,
+    /// Appearance pages above the leaves.
+    pub bytes_appearance_upper: u64,
+    /// Geometric pages above the leaves.
+    pub bytes_geometric_upper: u64,
+    /// Header and skeleton.
+    pub bytes_skeleton: u64,
+    /// One a depth.
+    pub levels: Vec<Level>,
+}
+
+/// An input file.
+#[derive(Debug, Serialize)]
+pub struct SourceInfo {
+    /// Name without folders.
+    pub base_name: String,
+    /// Size.
+    pub file_bytes: u64,
+    /// SHA-256, hexadecimal.
+    pub sha256: String,
+}
+
+/// One depth of the octree.
+#[derive(Debug, Default, Serialize)]
+pub struct Level {
+    /// Depth; the root has 0.
+    pub depth: u8,
+    /// Nodes, leaves included.
+    pub nodes: u64,
+    /// Leaves among them.
+    pub leaves: u64,
+    /// Mean triangles of a node for receivers.
+    pub triangles_mean: f64,
+    /// Mean points of a node for receivers.
+    pub points_mean: f64,
+    /// Mean triangles of a node for casters.
+    pub triangles_geometric_mean: f64,
+    /// Largest geometric error for receivers, in the source's unit.
+    pub error_max: f64,
+}
+
+/// Reads what is in a file.
+///
+/// # Errors
+/// When the file cannot be read or is damaged.
+pub fn info(path: &Path) -> Result<Info, BuildError> {
+    let file = HlodFile::open(path).map_err(BuildError::format(path))?;
+    let nodes = file.read_skeleton().map_err(BuildError::format(path))?;
+    let header = file.header();
+
+    let [mut leaves, mut appearance, mut geometric] = [0; 3];
+    let mut proven = true;
+    for representation in nodes.iter().flat_map(|n| &n.representations) {
+        let bytes = u64::from(representation.page.page_bytes);
+        match representation.kind {
+            RepresentationKind::Source => leaves += bytes,
+            RepresentationKind::Appearance => appearance += bytes,
+            _ => geometric += bytes,
+        }
+        proven &= representation.errors.geometric_status == BoundStatus::Proven;
+    }
+    Ok(Info {
+        format_version: hlod_compress::FORMAT_VERSION,
+        unit: header.unit.name(),
+        up: header.up.to_string(),
+        front: header.front.to_string(),
+        bounds_min: header.lattice.position(header.bounds[0]),
+        bounds_max: header.lattice.position(header.bounds[1]),
+        precision_step: header.lattice.step,
+        resolution: header.resolution,
+        leaf_triangles: header.leaf_triangles,
+        attributes: header.attributes.iter().map(|a| a.name.clone()).collect(),
+        sources: header
+            .sources
+            .iter()
+            .map(|s| SourceInfo {
+                base_name: s.base_name.clone(),
+                file_bytes: s.file_bytes,
+                sha256: s.sha256.iter().map(|b| format!("{b:02x}")).collect(),
+            })
+            .collect(),
+        triangles_input: header.triangles_input,
+        nodes: header.nodes,
+        closed_oriented: nodes.iter().all(|n| n.flags.closed_oriented),
+        error_status: if proven { "proven" } else { "measured" },
+        bytes_total: header.file_bytes,
+        bytes_leaves: leaves,
+        bytes_appearance_upper: appearance,
+        bytes_geometric_upper: geometric,
+        bytes_skeleton: header.file_bytes - leaves - appearance - geometric,
+        levels: levels(&nodes),
+    })
+}
+
+fn levels(nodes: &[NodeRecord]) -> Vec<Level> {
+    let mut levels: BTreeMap<u8, Level> = BTreeMap::new();
+    for node in nodes {
+        let depth = node.cell.depth();
+        let level = levels.entry(depth).or_insert_with(|| Level { depth, ..Level::default() });
+        level.nodes += 1;
+        level.leaves += u64::from(node.is_leaf());
+        if let Some(r) = node.representation(RepresentationKind::Appearance) {
+            level.triangles_mean += f64::from(r.triangles);
+            level.points_mean += f64::from(r.points);
+            level.error_max = level.error_max.max(f64::from(r.errors.geometric));
+        }
+        if let Some(r) = node.representation(RepresentationKind::Geometric) {
+            level.triangles_geometric_mean += f64::from(r.triangles);
+        }
+    }
+    for level in levels.values_mut() {
+        let count = level.nodes as f64;
+        level.triangles_mean /= count;
+        level.points_mean /= count;
+        level.triangles_geometric_mean /= count;
+    }
+    levels.into_values().collect()
+}

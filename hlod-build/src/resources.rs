@@ -1,0 +1,106 @@
+//! What a build costs: time, processor time, memory.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+
+/// Time and processor time of one stage.
+#[derive(Debug, Clone, Serialize)]
+pub struct StageCost {
+    /// The stage's name, as in progress bars.
+    pub name: &'static str,
+    /// Wall-clock time.
+    pub wall_secs: f64,
+    /// Processor time of all threads.
+    pub cpu_secs: f64,
+}
+
+/// Measures from its creation on.
+pub struct Meter {
+    start: Instant,
+    stage_start: (Instant, f64),
+    stages: Vec<StageCost>,
+    peak_anonymous: Arc<AtomicU64>,
+    stop: Arc<AtomicBool>,
+}
+
+impl Meter {
+    /// Starts measuring, with a thread that watches anonymous memory every 20 ms.
+    pub fn start() -> Meter {
+        let peak_anonymous = Arc::new(AtomicU64::new(0));
+        let stop = Arc::new(AtomicBool::new(false));
+        let (peak, stopped) = (peak_anonymous.clone(), stop.clone());
+        std::thread::spawn(move || {
+            while !stopped.load(Ordering::Relaxed) {
+                peak.fetch_max(status_bytes("RssAnon:"), Ordering::Relaxed);
+                std::thread::sleep(Duration::from_millis(20));
+            }
+        });
+        let start = Instant::now();
+        Meter { start, stage_start: (start, cpu_secs()), stages: Vec::new(), peak_anonymous, stop }
+    }
+
+    /// Books everything since the last call as `name`.
+    pub fn finish_stage(&mut self, name: &'static str) {
+        let (wall, cpu) = std::mem::replace(&mut self.stage_start, (Instant::now(), cpu_secs()));
+        self.stages.push(StageCost {
+            name,
+            wall_secs: wall.elapsed().as_secs_f64(),
+            cpu_secs: cpu_secs() - cpu,
+        });
+    }
+
+    /// Everything measured.
+    pub fn finish(self) -> Costs {
+        self.peak_anonymous.fetch_max(status_bytes("RssAnon:"), Ordering::Relaxed);
+        Costs {
+            wall_secs: self.start.elapsed().as_secs_f64(),
+            cpu_secs: self.stages.iter().map(|s| s.cpu_secs).sum(),
+            peak_rss_bytes: status_bytes("VmHWM:"),
+            peak_anonymous_bytes: self.peak_anonymous.load(Ordering::Relaxed),
+            stages: self.stages.clone(),
+        }
+    }
+}
+
+impl Drop for Meter {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+}
+
+/// What a build cost.
+#[derive(Debug, Clone, Serialize)]
+pub struct Costs {
+    /// Wall-clock time.
+    pub wall_secs: f64,
+    /// Processor time of all threads.
+    pub cpu_secs: f64,
+    /// Largest resident set of the process so far; 0 where the system does not tell.
+    pub peak_rss_bytes: u64,
+    /// Largest anonymous memory seen, sampled every 20 ms; 0 where the system does not tell.
+    pub peak_anonymous_bytes: u64,
+    /// The same for each stage.
+    pub stages: Vec<StageCost>,
+}
+
+#[cfg(unix)]
+fn cpu_secs() -> f64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}
+
+#[cfg(not(unix))]
+fn cpu_secs() -> f64 {
+    0.0
+}
+
+/// A field of /proc/self/status in bytes; 0 where there is no such file.
+fn status_bytes(field: &str) -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix(field));
+    let kib = line.and_then(|rest| rest.split_whitespace().next()?.parse::<u64>().ok());
+    kib.unwrap_or(0) * 1024
+}
