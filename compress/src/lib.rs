@@ -24,6 +24,7 @@ mod octahedral;
 mod page;
 mod pread;
 mod skeleton;
+pub mod srgb;
 
 pub use cell::{CellKey, MAX_DEPTH};
 pub use container::{FileWriter, HlodFile};

@@ -161,6 +161,8 @@ fn brooch(ops: &mut Vec<Op>) {
     let c = v(-102., 292., 62.);
     let lean = turned(1.0, -0.5, 0.0);
     ops.push(Op::Add(Shape::ellipsoid(c, lean, v(24., 9., 24.)), 1.0));
+    // Behind it the cloth is bunched.
+    ops.push(Op::Add(ball(v(-114., 292., 39.), v(18., 14., 15.)), 6.0));
     let up = lean * v(0., 1., 0.);
     for i in 0..12 {
         let (ca, sa) = head::cos_sin(f64::from(i) * std::f64::consts::TAU / 12.0 - 3.0);

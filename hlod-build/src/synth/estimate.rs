@@ -6,8 +6,9 @@ use super::grid::{Grid, Search, TILE};
 
 /// Nominal surface of the statue, mm², for the first guess and for the scanner's noise.
 const NOMINAL_AREA: f64 = 780_000.0;
-/// How many tiles each round of counting looks at, about: the error is less than 1/√ of it.
-const SAMPLE_TILES: [f64; 2] = [300.0, 1_500.0];
+/// How many tiles the two rounds of counting look at: at least, at most, and the share of
+/// all in between. The error is about 1/√ of it.
+const SAMPLE_TILES: [(f64, f64, f64); 2] = [(300.0, 600.0, 0.02), (1_500.0, 9_000.0, 0.16)];
 /// How many slabs a count looks at, at least.
 const SAMPLE_SLABS: usize = 40;
 
@@ -23,21 +24,22 @@ pub fn step_for(triangles: u64, seed: u64) -> f64 {
     let mut step = nominal_step(triangles);
     // The count depends on the step a little beyond its square: finer steps show finer
     // marks. Two rounds settle that.
-    for tiles in SAMPLE_TILES {
-        let count = count(step, seed, tiles);
+    for sample in SAMPLE_TILES {
+        let count = count(step, seed, sample);
         step *= (count / wish).sqrt();
     }
     step
 }
 
 /// Triangles at a step, from every so many slabs and every so many of their tiles.
-fn count(step: f64, seed: u64, wanted: f64) -> f64 {
+fn count(step: f64, seed: u64, (least, most, share): (f64, f64, f64)) -> f64 {
     let grid = Grid::new(step);
     let field = body::statue(seed, step);
     let search = Search { field: &field, grid: &grid };
     // Tiles that hold surface: roughly 1.6 for each tile's face of it.
-    let tiles = 1.6 * NOMINAL_AREA / (step * TILE as f64).powi(2);
-    let thin = (tiles / wanted).max(1.0);
+    let edge = step * TILE as f64;
+    let tiles = 1.6 * NOMINAL_AREA / (edge * edge);
+    let thin = (tiles / (tiles * share).clamp(least, most)).max(1.0);
     let slab_step = (thin as usize).min(grid.tiles[2] / SAMPLE_SLABS).max(1);
     let tile_step = (thin / slab_step as f64).round().max(1.0) as usize;
     let mut edges = 0u64;

@@ -114,6 +114,7 @@ impl Field {
     }
 
     /// The field at one point, by the whole tape.
+    #[cfg(test)]
     pub fn at(&self, p: [f32; 3]) -> f32 {
         self.value(&self.whole(), Points::splat(p)).0[0]
     }

@@ -54,10 +54,10 @@ impl Grid {
         let (middle, half) = ((low + high) * 0.5, (high - low) * 0.5);
         let mut corner = middle;
         let mut tiles = [0; 3];
-        for d in 0..3 {
+        for (d, count) in tiles.iter_mut().enumerate() {
             let reach = axes.col(d).abs().dot(half) + 2.0 * step;
             corner -= axes.col(d) * reach;
-            tiles[d] = (2.0 * reach / (step * TILE as f64)).ceil() as usize;
+            *count = (2.0 * reach / (step * TILE as f64)).ceil() as usize;
         }
         Grid { step, axes, origin: corner, tiles }
     }

@@ -104,8 +104,8 @@ fn brows_and_eyes(f: &Frame, ops: &mut Vec<Op>) {
         let lift = if s > 0.0 { 1.2 } else { 0.0 };
         let brow =
             [v(s * 9., 12.5, 88.), v(s * 28., 16.5 + lift, 80.), v(s * 47., 13.0 + lift, 62.)];
-        ops.push(Op::Add(f.cone(brow[0], brow[1], 6.0, 5.6), 13.0));
-        ops.push(Op::Add(f.cone(brow[1], brow[2], 5.6, 3.5), 13.0));
+        ops.push(Op::Add(f.cone(brow[0], brow[1], 5.0, 4.6), 13.0));
+        ops.push(Op::Add(f.cone(brow[1], brow[2], 4.6, 3.0), 13.0));
         // Set the eyeball, cut the pupil, and close the lids over it.
         let eye = v(s * 31., -3., 68.5);
         ops.push(Op::Add(f.ellipsoid(eye, DVec3::splat(14.4)), 1.2));

@@ -4,6 +4,7 @@
 use super::field::Cut;
 use super::relief::Panel;
 use serde::Serialize;
+use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Width of a V-cut at the plane over its depth: an included angle of 120°.
 pub const WIDTH_PER_DEPTH: f64 = 3.464_101_615_137_754_6;
@@ -51,11 +52,11 @@ fn glyph(character: char) -> (f64, Vec<Vec<[f64; 2]>>) {
         const HALF_TURN: [[f64; 2]; 9] = [
             [0.0, 1.0],
             [0.382_683_432, 0.923_879_533],
-            [0.707_106_781, 0.707_106_781],
+            [FRAC_1_SQRT_2, FRAC_1_SQRT_2],
             [0.923_879_533, 0.382_683_432],
             [1.0, 0.0],
             [0.923_879_533, -0.382_683_432],
-            [0.707_106_781, -0.707_106_781],
+            [FRAC_1_SQRT_2, -FRAC_1_SQRT_2],
             [0.382_683_432, -0.923_879_533],
             [0.0, -1.0],
         ];

@@ -69,8 +69,8 @@ impl<const N: usize> Lanes<N> {
     #[inline(always)]
     fn zip(self, other: Lanes<N>, f: impl Fn(f32, f32) -> f32) -> Lanes<N> {
         let mut out = [0.0; N];
-        for i in 0..N {
-            out[i] = f(self.0[i], other.0[i]);
+        for (o, (a, b)) in out.iter_mut().zip(self.0.into_iter().zip(other.0)) {
+            *o = f(a, b);
         }
         Lanes(out)
     }
@@ -128,9 +128,9 @@ impl<const N: usize> Lanes<N> {
     /// Where `self < 0` then `yes`, else `no`.
     #[inline(always)]
     pub fn if_negative(self, yes: Lanes<N>, no: Lanes<N>) -> Lanes<N> {
-        let mut out = [0.0; N];
-        for i in 0..N {
-            out[i] = if self.0[i] < 0.0 { yes.0[i] } else { no.0[i] };
+        let mut out = no.0;
+        for (o, (s, y)) in out.iter_mut().zip(self.0.into_iter().zip(yes.0)) {
+            *o = if s < 0.0 { y } else { *o };
         }
         Lanes(out)
     }

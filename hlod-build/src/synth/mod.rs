@@ -133,14 +133,7 @@ pub fn write_statue(
         progress,
     };
     (sink.progress)(0, options.triangles);
-    // Find the grid, and run through it.
-    let step = estimate::step_for(options.triangles, options.seed);
-    let grid = Grid::new(step);
-    let field = body::statue(options.seed, step);
-    let noise =
-        ScannerNoise { sigma: describe::noise_sigma(options.triangles), seed: options.seed };
-    let search = Search { field: &field, grid: &grid };
-    polygonise(&search, noise, &mut sink).map_err(failed)?;
+    let step = polygonise_statue(options, &mut sink).map_err(failed)?;
     // Put the file together.
     let written = sink.writer.finish(out, force).map_err(failed)?;
     progress(written.triangles, written.triangles);
@@ -151,8 +144,18 @@ pub fn write_statue(
         file_bytes: written.file_bytes,
         peak_disk_bytes: written.peak_disk_bytes,
         bounds_mm: written.bounds,
-        noise_sigma_mm: noise.sigma,
+        noise_sigma_mm: describe::noise_sigma(options.triangles),
     })
+}
+
+/// Find the grid, and run through it. Gives its step, mm.
+fn polygonise_statue<S: Sink>(options: &StatueOptions, sink: &mut S) -> Result<f64, S::Error> {
+    let step = estimate::step_for(options.triangles, options.seed);
+    let search = Search { field: &body::statue(options.seed, step), grid: &Grid::new(step) };
+    let noise =
+        ScannerNoise { sigma: describe::noise_sigma(options.triangles), seed: options.seed };
+    polygonise(&search, noise, sink)?;
+    Ok(step)
 }
 
 /// Passes everything on and tells how far it is.

@@ -128,10 +128,10 @@ impl Sink for PlyWriter {
 
     fn vertices(&mut self, vertices: &[[f32; 3]]) -> io::Result<()> {
         for v in vertices {
-            for d in 0..3 {
-                self.low[d] = self.low[d].min(v[d]);
-                self.high[d] = self.high[d].max(v[d]);
-                self.file.write_all(&v[d].to_le_bytes())?;
+            for (d, value) in v.iter().enumerate() {
+                self.low[d] = self.low[d].min(*value);
+                self.high[d] = self.high[d].max(*value);
+                self.file.write_all(&value.to_le_bytes())?;
             }
         }
         self.vertices += vertices.len() as u64;

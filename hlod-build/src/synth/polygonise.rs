@@ -56,33 +56,36 @@ pub fn polygonise<S: Sink>(
     noise: ScannerNoise,
     sink: &mut S,
 ) -> Result<(), S::Error> {
-    let cells = Cells { grid: search.grid, noise, cases: dual::cases() };
-    let slabs = search.grid.tiles[2];
+    polygonise_slabs(search.grid, |k| search.sample(k), noise, sink)
+}
+
+/// Turn slabs of samples into triangles, whoever samples them.
+pub fn polygonise_slabs<S: Sink>(
+    grid: &Grid,
+    sample: impl Fn(usize) -> Slab,
+    noise: ScannerNoise,
+    sink: &mut S,
+) -> Result<(), S::Error> {
+    let cells = Cells { grid, noise, cases: dual::cases() };
+    let slabs = grid.tiles[2];
     let mut below = Layer::default();
-    let mut under = search.sample(slabs);
-    let mut slab = search.sample(0);
+    let mut under = sample(slabs);
+    let mut slab = sample(0);
     let mut vertex_count = 0u32;
     for k in 0..slabs {
-        let above = search.sample(k + 1);
-        // Find the cells that hold surface.
-        let blocks: Vec<Vec<f32>> = slab
+        let above = sample(k + 1);
+        // Find the cells that hold surface, place their vertices, and number them in order.
+        let (patterns, meshes) = slab
             .tiles
             .par_iter()
-            .map(|tile| gather(search.grid, tile.at, [&under, &slab, &above]))
-            .collect();
-        let mut layer = Layer {
-            patterns: blocks.par_iter().map(|b| patterns(b)).collect(),
-            index: slab.index.clone(),
-            meshes: Vec::new(),
-        };
-        // Place their vertices, and number them in order.
-        layer.meshes = slab
-            .tiles
-            .par_iter()
-            .zip(&blocks)
-            .zip(&layer.patterns)
-            .map(|((tile, block), p)| cells.place([tile.at[0], tile.at[1], k], block, p))
-            .collect();
+            .map(|tile| {
+                let block = gather(grid, tile.at, [&under, &slab, &above]);
+                let patterns = patterns(&block);
+                let mesh = cells.place([tile.at[0], tile.at[1], k], &block, &patterns);
+                (patterns, mesh)
+            })
+            .unzip();
+        let mut layer = Layer { index: slab.index.clone(), patterns, meshes };
         for mesh in &mut layer.meshes {
             mesh.base = vertex_count;
             vertex_count += mesh.vertices.len() as u32;

@@ -169,6 +169,6 @@ fn folds(p: Points, gather: [[f32; 2]; 2], count: f32, height: f32, seed: u32) -
     let room = (near * (1.0 / 85.0)).clamp(0.0, 1.0) * near.smoothstep(5.0, 34.0);
     // Along the line between the points the angle jumps; above it the cloth lies flatter.
     let smooth = (-angle.abs() + 1.0).smoothstep(0.02, 0.14);
-    let smooth = smooth * angle.if_negative(Lanes::splat(0.35), Lanes::splat(1.0));
+    let smooth = smooth * angle.if_negative(Lanes::splat(1.0), Lanes::splat(0.22));
     (ridge * tall + small - 0.55) * room * smooth * height
 }

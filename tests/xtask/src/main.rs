@@ -1,1 +1,48 @@
-fn main() {}
+//! The commands of this repository: `./x demo`, `./x test`, `./x bless`.
+//!
+//! Depends on the standard library only, so that it compiles in seconds and can say what the
+//! system lacks, and how long the rest takes, before anything heavy begins.
+
+mod bless;
+mod demo;
+mod options;
+mod run;
+mod system;
+mod test;
+
+use std::process::ExitCode;
+
+use options::Command;
+
+/// Also what `./x help` prints, without a compiler.
+const USAGE: &str = include_str!("usage.txt");
+
+/// Why a command ended early.
+enum Failure {
+    /// The command line makes no sense.
+    Usage(String),
+    /// Something is missing here and must not, or could not, be installed.
+    Missing(String),
+    /// Something was tried and did not work.
+    Work(String),
+}
+
+fn main() -> ExitCode {
+    let result = options::parse(std::env::args().skip(1)).and_then(|command| match command {
+        Command::Help => {
+            print!("{USAGE}");
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Demo(options) => demo::demo(&options),
+        Command::Test(options) => test::test(&options),
+        Command::Bless { name } => bless::bless(&name),
+    });
+    let (message, status) = match result {
+        Ok(status) => return status,
+        Err(Failure::Usage(message)) => (format!("{message}\n\n{USAGE}"), 2),
+        Err(Failure::Missing(message)) => (message, 2),
+        Err(Failure::Work(message)) => (message, 1),
+    };
+    eprintln!("{}", message.trim_end());
+    ExitCode::from(status)
+}

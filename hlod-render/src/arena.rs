@@ -1,0 +1,113 @@
+//! Geometry on the GPU: a few large buffers, divided into the nodes' ranges.
+
+use std::ops::Range;
+
+use range_alloc::RangeAllocator;
+
+use crate::gpu::Gpu;
+use crate::loader::GpuMesh;
+
+/// Vertices and triangles of many nodes in one set of buffers.
+pub(crate) struct Arena {
+    pub(crate) vertices: wgpu::Buffer,
+    pub(crate) indices: wgpu::Buffer,
+    /// One RGBA8 a vertex; a single entry where the model has no colours.
+    pub(crate) colours: wgpu::Buffer,
+    free_vertices: RangeAllocator<u32>,
+    free_triangles: RangeAllocator<u32>,
+}
+
+/// How large arenas are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ArenaSize {
+    pub(crate) vertices: u32,
+    pub(crate) triangles: u32,
+    pub(crate) has_colours: bool,
+}
+
+const VERTEX_BYTES: u64 = 16;
+const TRIANGLE_BYTES: u64 = 12;
+const COLOUR_BYTES: u64 = 4;
+
+impl ArenaSize {
+    /// For a model of so many vertices and triangles in all, within what one binding may hold.
+    pub(crate) fn for_model(gpu: &Gpu, vertices: u64, triangles: u64, has_colours: bool) -> ArenaSize {
+        let binding = gpu.device.limits().max_storage_buffer_binding_size.min(128 << 20);
+        // Half again for ranges that do not fit exactly.
+        let fit = |count: u64, bytes: u64| (count + count / 2 + 1024).min(binding / bytes) as u32;
+        ArenaSize {
+            vertices: fit(vertices, VERTEX_BYTES),
+            triangles: fit(triangles, TRIANGLE_BYTES),
+            has_colours,
+        }
+    }
+
+    pub(crate) fn bytes(&self) -> u64 {
+        let colours = if self.has_colours { COLOUR_BYTES } else { 0 };
+        u64::from(self.vertices) * (VERTEX_BYTES + colours) + u64::from(self.triangles) * TRIANGLE_BYTES
+    }
+}
+
+/// A node's place in an arena.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Slot {
+    pub(crate) arena: usize,
+    pub(crate) vertices: Range<u32>,
+    pub(crate) triangles: Range<u32>,
+}
+
+impl Slot {
+    /// Bytes on the GPU.
+    pub(crate) fn bytes(&self) -> u64 {
+        u64::from(self.vertices.end - self.vertices.start) * VERTEX_BYTES
+            + u64::from(self.triangles.end - self.triangles.start) * TRIANGLE_BYTES
+    }
+}
+
+impl Arena {
+    pub(crate) fn new(gpu: &Gpu, size: ArenaSize) -> Arena {
+        let buffer = |label, bytes: u64| {
+            gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size: bytes,
+                usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        };
+        let coloured = if size.has_colours { u64::from(size.vertices) } else { 1 };
+        Arena {
+            vertices: buffer("vertices", u64::from(size.vertices) * VERTEX_BYTES),
+            indices: buffer("indices", u64::from(size.triangles) * TRIANGLE_BYTES),
+            colours: buffer("colours", coloured * COLOUR_BYTES),
+            free_vertices: RangeAllocator::new(0..size.vertices),
+            free_triangles: RangeAllocator::new(0..size.triangles),
+        }
+    }
+
+    /// Copies a mesh into free ranges; `None` where there are none large enough.
+    pub(crate) fn insert(&mut self, gpu: &Gpu, mesh: &GpuMesh, arena: usize) -> Option<Slot> {
+        let triangle_count = (mesh.indices.len() / 3) as u32;
+        // The allocator does not hand out empty ranges.
+        let vertices = self.free_vertices.allocate_range((mesh.vertices.len() as u32).max(1)).ok()?;
+        let Ok(triangles) = self.free_triangles.allocate_range(triangle_count.max(1)) else {
+            self.free_vertices.free_range(vertices);
+            return None;
+        };
+        let indices: Vec<u32> = mesh.indices.iter().map(|i| i + vertices.start).collect();
+        let at = |start: u32, bytes: u64| u64::from(start) * bytes;
+        let write = |buffer, offset, bytes: &[u8]| gpu.queue.write_buffer(buffer, offset, bytes);
+        write(&self.vertices, at(vertices.start, VERTEX_BYTES), bytemuck::cast_slice(&mesh.vertices));
+        write(&self.indices, at(triangles.start, TRIANGLE_BYTES), bytemuck::cast_slice(&indices));
+        if !mesh.colours.is_empty() {
+            let colours = bytemuck::cast_slice(&mesh.colours);
+            write(&self.colours, at(vertices.start, COLOUR_BYTES), colours);
+        }
+        let triangles_used = triangles.start..triangles.start + triangle_count.max(1);
+        Some(Slot { arena, vertices, triangles: triangles_used })
+    }
+
+    pub(crate) fn remove(&mut self, slot: Slot) {
+        self.free_vertices.free_range(slot.vertices);
+        self.free_triangles.free_range(slot.triangles);
+    }
+}

@@ -1,0 +1,305 @@
+//! Holes, overdraw and appearance distance, on plain arrays.
+
+/// Samples along each side of a reference pixel.
+pub const SAMPLES: u32 = 4;
+
+/// Distances are looked for no farther than this.
+pub const DISTANCE_MAX_PX: f64 = 16.0;
+
+/// Shades closer than this are the same: two steps of 8 bits.
+const SHADE_TOLERANCE: f32 = 2.0 / 255.0;
+
+/// A depth range over three pixels that no surface within 79° of facing the eye has.
+const JUMP_PX: f64 = 16.0;
+
+/// What one drawing shows at each sample.
+#[derive(Debug, Clone)]
+pub struct Layer {
+    /// Samples in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// sRGB luma, 0 to 1.
+    pub shade: Vec<f32>,
+    /// Distance along the line of sight; infinite where nothing is drawn.
+    pub depth: Vec<f32>,
+    /// Whether anything is drawn.
+    pub covered: Vec<bool>,
+    /// Whether it is a back.
+    pub back: Vec<bool>,
+}
+
+impl Layer {
+    /// From what the renderer reads back.
+    pub fn new(width: u32, height: u32, rgba: &[u8], identities: &[u32], depth: Vec<f32>) -> Layer {
+        let luma = |p: &[u8]| {
+            (0.2126 * f32::from(p[0]) + 0.7152 * f32::from(p[1]) + 0.0722 * f32::from(p[2])) / 255.0
+        };
+        Layer {
+            width: width as usize,
+            height: height as usize,
+            shade: rgba.chunks_exact(4).map(luma).collect(),
+            depth,
+            covered: identities.iter().map(|&id| id != 0).collect(),
+            back: identities.iter().map(|&id| id >> 31 == 1).collect(),
+        }
+    }
+}
+
+/// What pixels mean in world units, and what counts as a hole.
+#[derive(Debug, Clone, Copy)]
+pub struct Scale {
+    /// Size of a pixel at depth 1 (perspective) or at any depth.
+    pub pixel_at_unit_depth: f64,
+    /// Whether pixels grow with depth.
+    pub perspective: bool,
+    /// τ of the drawing.
+    pub tau_px: f64,
+    /// Whether the surface is closed, so that a back can only be seen through a crack.
+    pub backs_are_holes: bool,
+}
+
+impl Scale {
+    fn pixel(&self, depth: f32) -> f64 {
+        if self.perspective { self.pixel_at_unit_depth * f64::from(depth) } else { self.pixel_at_unit_depth }
+    }
+}
+
+/// A histogram of distances in quarter pixels.
+#[derive(Debug, Clone, Default)]
+pub struct Distances {
+    counts: Vec<u64>,
+}
+
+impl Distances {
+    fn add(&mut self, quarters: usize) {
+        if self.counts.len() <= quarters {
+            self.counts.resize(quarters + 1, 0);
+        }
+        self.counts[quarters] += 1;
+    }
+
+    /// Adds another histogram.
+    pub fn merge(&mut self, other: &Distances) {
+        if self.counts.len() < other.counts.len() {
+            self.counts.resize(other.counts.len(), 0);
+        }
+        self.counts.iter_mut().zip(&other.counts).for_each(|(a, b)| *a += b);
+    }
+
+    /// Number of distances.
+    pub fn count(&self) -> u64 {
+        self.counts.iter().sum()
+    }
+
+    /// The smallest distance in pixels that `share` of all do not exceed.
+    pub fn percentile(&self, share: f64) -> f64 {
+        let wanted = (share * self.count() as f64).ceil() as u64;
+        let mut sum = 0;
+        for (quarters, count) in self.counts.iter().enumerate() {
+            sum += count;
+            if sum >= wanted {
+                return quarters as f64 / f64::from(SAMPLES);
+            }
+        }
+        0.0
+    }
+}
+
+/// One view's scores.
+#[derive(Debug, Clone, Default)]
+pub struct Scores {
+    /// Indices of hole pixels.
+    pub holes: Vec<usize>,
+    /// Indices of overdraw pixels.
+    pub overdraw: Vec<usize>,
+    /// From the drawing to the reference, and from the reference to the drawing.
+    pub appearance: [Distances; 2],
+    /// The larger of both for each pixel; 0 where none was measured.
+    pub distance_px: Vec<f32>,
+}
+
+/// Compares a drawing of one sample a pixel with a reference of 4 × 4.
+///
+/// # Panics
+/// When the reference is not four times as large.
+pub fn score(drawn: &Layer, truth: &Layer, scale: &Scale) -> Scores {
+    let n = SAMPLES as usize;
+    assert!(truth.width == n * drawn.width && truth.height == n * drawn.height);
+    let reference = Reduced::new(truth);
+    let (width, height) = (drawn.width, drawn.height);
+    let mut scores = Scores { distance_px: vec![0.0; width * height], ..Scores::default() };
+    for y in 0..height {
+        for x in 0..width {
+            let p = y * width + x;
+            let ring = reference.window(x, y, 1);
+            if drawn.covered[p] && !ring.any_covered {
+                scores.overdraw.push(p);
+            }
+            // Off the axis a pixel's ray is longer than its depth.
+            let inside = ring.all_covered && !reference.jumps(&ring, scale);
+            if inside && is_hole(drawn, p, &ring, scale) {
+                scores.holes.push(p);
+            }
+            let wide = reference.window(x, y, 2);
+            let scored = wide.all_covered && !reference.jumps_within(x, y, 2, scale) && drawn.covered[p];
+            if scored {
+                let forward = forward_distance(drawn.shade[p], truth, x, y);
+                let backward = backward_distance(reference.mean_shade[p], drawn, x, y);
+                scores.appearance[0].add(forward);
+                scores.appearance[1].add(backward);
+                scores.distance_px[p] = forward.max(backward) as f32 / n as f32;
+            }
+        }
+    }
+    scores
+}
+
+fn is_hole(drawn: &Layer, p: usize, ring: &Window, scale: &Scale) -> bool {
+    if !drawn.covered[p] || scale.backs_are_holes && drawn.back[p] {
+        return true;
+    }
+    // ε_drawn covers at most τ pixels; one more for the pixel itself. The window's own depth range
+    // takes the surface's slope into account.
+    let tolerance = (scale.tau_px + 1.0) * scale.pixel(ring.farthest) * 1.2;
+    f64::from(drawn.depth[p]) > f64::from(ring.farthest) + tolerance
+}
+
+/// In quarter pixels: the smallest widening of the pixel's own square in which the reference has
+/// this shade.
+fn forward_distance(shade: f32, truth: &Layer, x: usize, y: usize) -> usize {
+    let n = SAMPLES as usize;
+    let most = (DISTANCE_MAX_PX * f64::from(SAMPLES)) as usize;
+    let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+    for k in 0..most {
+        let (x0, x1) = ((n * x) as isize - k as isize, (n * x + n - 1 + k) as isize);
+        let (y0, y1) = ((n * y) as isize - k as isize, (n * y + n - 1 + k) as isize);
+        let mut take = |sx: isize, sy: isize| {
+            if sx >= 0 && sy >= 0 && (sx as usize) < truth.width && (sy as usize) < truth.height {
+                let s = truth.shade[sy as usize * truth.width + sx as usize];
+                low = low.min(s);
+                high = high.max(s);
+            }
+        };
+        if k == 0 {
+            (y0..=y1).for_each(|sy| (x0..=x1).for_each(|sx| take(sx, sy)));
+        } else {
+            // Only the new rim.
+            (x0..=x1).for_each(|sx| {
+                take(sx, y0);
+                take(sx, y1);
+            });
+            (y0 + 1..y1).for_each(|sy| {
+                take(x0, sy);
+                take(x1, sy);
+            });
+        }
+        if shade + SHADE_TOLERANCE >= low && shade - SHADE_TOLERANCE <= high {
+            return k;
+        }
+    }
+    most
+}
+
+/// In quarter pixels: the smallest square of drawn pixels whose shades span this one.
+fn backward_distance(shade: f32, drawn: &Layer, x: usize, y: usize) -> usize {
+    let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+    for r in 0..DISTANCE_MAX_PX as usize {
+        let (x0, x1) = (x.saturating_sub(r), (x + r).min(drawn.width - 1));
+        let (y0, y1) = (y.saturating_sub(r), (y + r).min(drawn.height - 1));
+        for sy in y0..=y1 {
+            let rim = sy + r == y || sy == y + r;
+            for sx in x0..=x1 {
+                if rim || sx + r == x || sx == x + r {
+                    let s = drawn.shade[sy * drawn.width + sx];
+                    low = low.min(s);
+                    high = high.max(s);
+                }
+            }
+        }
+        if shade + SHADE_TOLERANCE >= low && shade - SHADE_TOLERANCE <= high {
+            return r * SAMPLES as usize;
+        }
+    }
+    (DISTANCE_MAX_PX * f64::from(SAMPLES)) as usize
+}
+
+/// The reference, summed up for each pixel.
+struct Reduced {
+    width: usize,
+    height: usize,
+    all_covered: Vec<bool>,
+    any_covered: Vec<bool>,
+    nearest: Vec<f32>,
+    farthest: Vec<f32>,
+    mean_shade: Vec<f32>,
+}
+
+/// A square of pixels of the reference; pixels beyond the picture's edge are left out.
+struct Window {
+    all_covered: bool,
+    any_covered: bool,
+    nearest: f32,
+    farthest: f32,
+}
+
+impl Reduced {
+    fn new(truth: &Layer) -> Reduced {
+        let n = SAMPLES as usize;
+        let (width, height) = (truth.width / n, truth.height / n);
+        let count = width * height;
+        let mut out = Reduced {
+            width,
+            height,
+            all_covered: vec![true; count],
+            any_covered: vec![false; count],
+            nearest: vec![f32::INFINITY; count],
+            farthest: vec![0.0; count],
+            mean_shade: vec![0.0; count],
+        };
+        for y in 0..truth.height {
+            for x in 0..truth.width {
+                let (s, p) = (y * truth.width + x, (y / n) * width + x / n);
+                out.all_covered[p] &= truth.covered[s];
+                out.any_covered[p] |= truth.covered[s];
+                out.nearest[p] = out.nearest[p].min(truth.depth[s]);
+                if truth.covered[s] {
+                    out.farthest[p] = out.farthest[p].max(truth.depth[s]);
+                }
+                // The mean of light, not of its encoding.
+                out.mean_shade[p] += truth.shade[s].powf(2.2) / (n * n) as f32;
+            }
+        }
+        out.mean_shade.iter_mut().for_each(|s| *s = s.powf(1.0 / 2.2));
+        out
+    }
+
+    fn window(&self, x: usize, y: usize, radius: usize) -> Window {
+        let mut out =
+            Window { all_covered: true, any_covered: false, nearest: f32::INFINITY, farthest: 0.0 };
+        for wy in y.saturating_sub(radius)..=(y + radius).min(self.height - 1) {
+            for wx in x.saturating_sub(radius)..=(x + radius).min(self.width - 1) {
+                let p = wy * self.width + wx;
+                out.all_covered &= self.all_covered[p];
+                out.any_covered |= self.any_covered[p];
+                out.nearest = out.nearest.min(self.nearest[p]);
+                out.farthest = out.farthest.max(self.farthest[p]);
+            }
+        }
+        out
+    }
+
+    /// Whether the surface jumps in depth within three pixels.
+    fn jumps(&self, window: &Window, scale: &Scale) -> bool {
+        f64::from(window.farthest - window.nearest) > JUMP_PX * scale.pixel(window.nearest)
+    }
+
+    fn jumps_within(&self, x: usize, y: usize, radius: usize, scale: &Scale) -> bool {
+        let (x0, x1) = (x.saturating_sub(radius), (x + radius).min(self.width - 1));
+        (y.saturating_sub(radius)..=(y + radius).min(self.height - 1))
+            .any(|wy| (x0..=x1).any(|wx| self.jumps(&self.window(wx, wy, 1), scale)))
+    }
+}
+
+#[cfg(test)]
+mod tests;

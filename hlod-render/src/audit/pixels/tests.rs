@@ -1,0 +1,135 @@
+//! Every comparison is fed wrong pictures and must object.
+
+use super::*;
+
+const W: usize = 60;
+const H: usize = 40;
+const SCALE: Scale =
+    Scale { pixel_at_unit_depth: 0.01, perspective: false, tau_px: 0.5, backs_are_holes: true };
+
+/// A disc at depth 5 with shades that vary over a few pixels, on an empty background, at `n`
+/// samples a pixel; `shift_px` moves the shades to the right, `radius` is the disc's.
+fn disc(n: usize, shift_px: f64, radius: f64) -> Layer {
+    let (width, height) = (W * n, H * n);
+    let mut layer = Layer {
+        width,
+        height,
+        shade: Vec::new(),
+        depth: Vec::new(),
+        covered: Vec::new(),
+        back: vec![false; width * height],
+    };
+    for y in 0..height {
+        for x in 0..width {
+            let (px, py) = ((x as f64 + 0.5) / n as f64, (y as f64 + 0.5) / n as f64);
+            let inside = (px - 30.0).hypot(py - 20.0) < radius;
+            let wave = ((px - shift_px) * 0.5).sin() * ((py * 0.37).cos() + 1.5) / 5.0;
+            layer.shade.push(if inside { 0.5 + wave as f32 } else { 0.0 });
+            layer.depth.push(if inside { 5.0 } else { f32::INFINITY });
+            layer.covered.push(inside);
+        }
+    }
+    layer
+}
+
+fn good() -> Layer {
+    disc(1, 0.0, 15.0)
+}
+
+fn truth() -> Layer {
+    disc(SAMPLES as usize, 0.0, 15.0)
+}
+
+fn p999(scores: &Scores) -> f64 {
+    scores.appearance[0].percentile(0.999).max(scores.appearance[1].percentile(0.999))
+}
+
+fn centre() -> usize {
+    20 * W + 30
+}
+
+#[test]
+fn the_right_picture_passes() {
+    let scores = score(&good(), &truth(), &SCALE);
+    assert!(scores.holes.is_empty() && scores.overdraw.is_empty());
+    assert!(scores.appearance[0].count() > 300);
+    assert_eq!(p999(&scores), 0.0);
+}
+
+#[test]
+fn a_shift_by_two_pixels_is_measured_as_such() {
+    let scores = score(&disc(1, 2.0, 15.0), &truth(), &SCALE);
+    let worst = p999(&scores);
+    assert!((1.0..=4.0).contains(&worst), "{worst}");
+}
+
+#[test]
+fn a_blur_is_found() {
+    let sharp = {
+        let mut layer = good();
+        // Detail of one pixel, which a blur destroys.
+        layer.shade.iter_mut().enumerate().for_each(|(i, s)| *s *= if i % 2 == 0 { 1.0 } else { 0.6 });
+        layer
+    };
+    let mut fine = truth();
+    for y in 0..fine.height {
+        for x in 0..fine.width {
+            let p = (y / 4) * W + x / 4;
+            fine.shade[y * fine.width + x] = sharp.shade[p];
+        }
+    }
+    assert_eq!(p999(&score(&sharp, &fine, &SCALE)), 0.0);
+    let mut blurred = sharp.clone();
+    for y in 1..H - 1 {
+        for x in 1..W - 1 {
+            let sum: f32 = (0..9).map(|k| sharp.shade[(y + k / 3 - 1) * W + x + k % 3 - 1]).sum();
+            blurred.shade[y * W + x] = sum / 9.0;
+        }
+    }
+    assert!(p999(&score(&blurred, &fine, &SCALE)) >= 1.0);
+}
+
+#[test]
+fn flat_grey_and_salt_and_pepper_are_found() {
+    let mut grey = good();
+    grey.shade.iter_mut().for_each(|s| *s = 0.5);
+    assert!(p999(&score(&grey, &truth(), &SCALE)) >= 2.0);
+    let mut noisy = good();
+    noisy.shade.iter_mut().step_by(97).for_each(|s| *s = 1.0);
+    assert_eq!(p999(&score(&noisy, &truth(), &SCALE)), DISTANCE_MAX_PX);
+}
+
+#[test]
+fn holes_of_every_kind_are_counted() {
+    let mut gone = good();
+    gone.covered[centre()] = false;
+    gone.depth[centre()] = f32::INFINITY;
+    assert_eq!(score(&gone, &truth(), &SCALE).holes, [centre()]);
+
+    let mut back = good();
+    back.back[centre()] = true;
+    assert_eq!(score(&back, &truth(), &SCALE).holes, [centre()]);
+    let open = Scale { backs_are_holes: false, ..SCALE };
+    assert!(score(&back, &truth(), &open).holes.is_empty());
+
+    let mut behind = good();
+    behind.depth[centre()] = 5.0 + 0.03;
+    assert_eq!(score(&behind, &truth(), &SCALE).holes, [centre()]);
+    behind.depth[centre()] = 5.0 + 0.01;
+    assert!(score(&behind, &truth(), &SCALE).holes.is_empty());
+}
+
+#[test]
+fn a_strip_outside_is_overdraw_and_a_rim_of_one_pixel_is_not() {
+    assert!(score(&disc(1, 0.0, 15.8), &truth(), &SCALE).overdraw.is_empty());
+    assert!(score(&disc(1, 0.0, 18.0), &truth(), &SCALE).overdraw.len() > 50);
+}
+
+#[test]
+fn percentiles_of_known_distances() {
+    let mut d = Distances::default();
+    (0..999).for_each(|_| d.add(0));
+    d.add(8);
+    assert_eq!((d.percentile(0.99), d.percentile(0.999), d.percentile(1.0)), (0.0, 0.0, 2.0));
+    assert_eq!(Distances::default().percentile(0.5), 0.0);
+}

@@ -1,0 +1,259 @@
+//! Frame rates along a recorded path.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+
+use crate::error::RenderError;
+use crate::frame::Renderer;
+use crate::framing::Framing;
+use crate::gpu::Gpu;
+use crate::model::{Model, ModelLimits};
+use crate::path::CameraPath;
+use crate::picture::{Canvas, PICTURE_FORMAT};
+use crate::scene::Shot;
+
+/// What is measured.
+#[derive(Debug, Clone)]
+pub struct BenchOptions {
+    /// Picture size in pixels.
+    pub size: (u32, u32),
+    /// Frames along the whole path.
+    pub frames: u32,
+    /// Starts with nothing but the root and an empty file cache; frames then begin at the path's
+    /// own pace. Otherwise everything the path needs is loaded first and frames follow one
+    /// another at once.
+    pub cold: bool,
+    /// Limits on memory and reading.
+    pub limits: ModelLimits,
+}
+
+/// A benchmark record; the keys are stable.
+#[derive(Debug, Clone, Serialize)]
+pub struct BenchReport {
+    /// The file.
+    pub file: PathBuf,
+    /// Name of the path.
+    pub path: String,
+    /// Name of the representation.
+    pub representation: &'static str,
+    /// Adapter, backend and driver.
+    pub adapter: String,
+    /// Version of this program.
+    pub version: &'static str,
+    /// Operating system, architecture and number of processors.
+    pub machine: String,
+    /// How to repeat it.
+    pub command: Vec<String>,
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// τ.
+    pub tau_px: f64,
+    /// Whether it started cold.
+    pub cold: bool,
+    /// Frames measured.
+    pub frames: u32,
+    /// Frames ÷ time spent drawing them.
+    pub fps_mean: f64,
+    /// Time of a frame, from asking for it to the GPU's having finished it.
+    pub frame_ms: Percentiles,
+    /// Mean triangles and points of a frame.
+    pub primitives_mean: f64,
+    /// Mean points ÷ pixels covered by points; 0 without points.
+    pub points_per_covered_pixel: f64,
+    /// Frames in which nothing could be drawn.
+    pub stalled_frames: u32,
+    /// Frames that drew something coarser than τ.
+    pub frames_over_tau: u32,
+    /// Mean over frames of the area-weighted max(1, ρ/τ).
+    pub tau_ratio_mean: f64,
+    /// Bytes read while measuring.
+    pub bytes_read: u64,
+    /// Most bytes of geometry on the GPU.
+    pub resident_bytes_max: u64,
+    /// Each frame's time, for plots.
+    pub frame_times_ms: Vec<f64>,
+}
+
+/// Of frame times in milliseconds.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Percentiles {
+    /// Median.
+    pub p50: f64,
+    /// 95th percentile.
+    pub p95: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+/// Measures frames along a path; `advance` hears of each finished one.
+///
+/// # Errors
+/// When the file or the path cannot be used, or the GPU fails.
+pub fn bench(
+    gpu: &Gpu,
+    file: &Path,
+    path: &CameraPath,
+    shot_template: &Shot,
+    options: &BenchOptions,
+    advance: &mut dyn FnMut(u32),
+) -> Result<BenchReport, RenderError> {
+    let (width, height) = options.size;
+    let canvas = Canvas::new(gpu, width, height)?;
+    let mut renderer = Renderer::new(gpu, PICTURE_FORMAT);
+    if options.cold {
+        drop_file_cache(file)?;
+    }
+    let mut models = [Model::open(gpu, file, options.limits)?];
+    let placed = path.place(Framing::of(&models[0]), file)?;
+    let shot_at = |frame: u32| {
+        let share = f64::from(frame) / f64::from((options.frames - 1).max(1));
+        Shot { camera: placed.camera_at(share * path.duration_secs), ..*shot_template }
+    };
+    if options.cold {
+        drop_file_cache(file)?;
+    } else {
+        // Load what the path needs, as far as memory allows.
+        for frame in 0..options.frames {
+            renderer.render_complete(gpu, &mut models, &shot_at(frame), &canvas.targets)?;
+        }
+        gpu.wait()?;
+    }
+
+    let bytes_before = models[0].bytes_read();
+    let mut times = Vec::new();
+    let mut report = BenchReport {
+        file: file.to_owned(),
+        path: path.name.clone(),
+        representation: shot_template.representation.name(),
+        adapter: gpu.describe(),
+        version: env!("CARGO_PKG_VERSION"),
+        machine: machine(),
+        command: std::env::args().collect(),
+        width,
+        height,
+        tau_px: shot_template.error_threshold_px,
+        cold: options.cold,
+        frames: options.frames,
+        fps_mean: 0.0,
+        frame_ms: Percentiles { p50: 0.0, p95: 0.0, p99: 0.0, max: 0.0 },
+        primitives_mean: 0.0,
+        points_per_covered_pixel: 0.0,
+        stalled_frames: 0,
+        frames_over_tau: 0,
+        tau_ratio_mean: 0.0,
+        bytes_read: 0,
+        resident_bytes_max: 0,
+        frame_times_ms: Vec::new(),
+    };
+    let begin = Instant::now();
+    for frame in 0..options.frames {
+        if options.cold {
+            let share = f64::from(frame) / f64::from(options.frames);
+            let due = begin + Duration::from_secs_f64(share * path.duration_secs);
+            std::thread::sleep(due.saturating_duration_since(Instant::now()));
+        }
+        let start = Instant::now();
+        let stats = renderer.render(gpu, &mut models, &shot_at(frame), &canvas.targets)?;
+        gpu.wait()?;
+        times.push(start.elapsed().as_secs_f64() * 1e3);
+
+        report.primitives_mean += (stats.triangles + stats.points) as f64 / f64::from(options.frames);
+        report.tau_ratio_mean += stats.tau_ratio / f64::from(options.frames);
+        report.frames_over_tau += u32::from(stats.tau_ratio_max > 1.0);
+        // A front that wants something and draws nothing leaves the picture empty.
+        report.stalled_frames += u32::from(stats.nodes == 0 && stats.missing_parts > 0);
+        report.resident_bytes_max = report.resident_bytes_max.max(models[0].resident_bytes());
+        advance(frame);
+    }
+    report.bytes_read = models[0].bytes_read() - bytes_before;
+    report.fps_mean = f64::from(options.frames) / times.iter().sum::<f64>() * 1e3;
+    report.frame_times_ms = times.clone();
+    report.frame_ms = percentiles(&mut times);
+    if let Some(problem) = models[0].take_problems().first() {
+        return Err(gpu.error(format!("a part of the file is damaged: {problem}")));
+    }
+    Ok(report)
+}
+
+/// # Panics
+/// When there are no times.
+fn percentiles(times: &mut [f64]) -> Percentiles {
+    times.sort_by(f64::total_cmp);
+    let at = |share: f64| times[((times.len() - 1) as f64 * share).round() as usize];
+    Percentiles { p50: at(0.5), p95: at(0.95), p99: at(0.99), max: at(1.0) }
+}
+
+fn machine() -> String {
+    let processors = std::thread::available_parallelism().map_or(0, |n| n.get());
+    format!("{} {}, {processors} processors", std::env::consts::OS, std::env::consts::ARCH)
+}
+
+/// Asks the system to forget what it has of the file in memory.
+#[cfg(target_os = "linux")]
+fn drop_file_cache(file: &Path) -> Result<(), RenderError> {
+    let opened = std::fs::File::open(file).map_err(RenderError::io(file, "open"))?;
+    rustix::fs::fadvise(&opened, 0, None, rustix::fs::Advice::DontNeed)
+        .map_err(|e| RenderError::io(file, "drop from the file cache")(e.into()))
+}
+
+#[cfg(not(target_os = "linux"))]
+fn drop_file_cache(_file: &Path) -> Result<(), RenderError> {
+    Ok(())
+}
+
+impl BenchReport {
+    /// Frame times as an SVG plot.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn plot(&self, path: &Path) -> Result<(), RenderError> {
+        let failed = |e: &dyn std::fmt::Display| RenderError::Malformed {
+            path: path.to_owned(),
+            why: format!("cannot write the plot: {e}"),
+        };
+        self.draw_plot(path).map_err(|e| failed(&e))
+    }
+
+    fn draw_plot(&self, path: &Path) -> Result<(), Box<dyn std::error::Error>> {
+        use plotters::prelude::*;
+        let area = SVGBackend::new(path, (900, 360)).into_drawing_area();
+        area.fill(&WHITE)?;
+        let top = self.frame_ms.max * 1.1;
+        let caption = format!(
+            "{} · {} · {} · τ = {} px · {}×{} · {}",
+            self.file.file_name().unwrap_or_default().to_string_lossy(),
+            self.path, self.representation, self.tau_px, self.width, self.height, self.adapter
+        );
+        let mut chart = ChartBuilder::on(&area)
+            .caption(caption, ("sans-serif", 14))
+            .margin(10)
+            .x_label_area_size(36)
+            .y_label_area_size(52)
+            .build_cartesian_2d(0.0..f64::from(self.frames.max(1)), 0.0..top)?;
+        chart.configure_mesh().x_desc("frame").y_desc("milliseconds").light_line_style(WHITE).draw()?;
+        let points = self.frame_times_ms.iter().enumerate().map(|(i, &ms)| (i as f64, ms));
+        chart.draw_series(LineSeries::new(points, &BLUE))?;
+        let median = [(0.0, self.frame_ms.p50), (f64::from(self.frames), self.frame_ms.p50)];
+        chart.draw_series(LineSeries::new(median, &BLACK.mix(0.4)))?;
+        area.present()?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentiles_of_known_times() {
+        let p = percentiles(&mut (0..=100).rev().map(f64::from).collect::<Vec<_>>());
+        assert_eq!((p.p50, p.p95, p.p99, p.max), (50.0, 95.0, 99.0, 100.0));
+        assert_eq!(percentiles(&mut [3.0]).p99, 3.0);
+    }
+}

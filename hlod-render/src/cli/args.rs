@@ -1,0 +1,293 @@
+//! The command line as typed, and as validated options.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use glam::DVec3;
+
+use hlod_render::camera::Camera;
+use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
+use hlod_render::scene::{Light, Representation};
+use hlod_render::{AdapterChoice, ModelLimits};
+
+/// Show .hlod files, measure how fast and check how truthfully.
+#[derive(Parser)]
+#[command(name = "hlod-render", version, max_term_width = 100)]
+#[command(after_help = "\
+Lengths in --camera and --light are statue heights, counted from the centre of its bounds along \
+right, up and front.\n\
+Exit status: 0 good, 1 the work failed, 2 wrong usage, 3 checked and refuted.")]
+pub struct Cli {
+    /// No progress bars and no remarks.
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+    /// Draw with the software rasteriser even where there is a GPU.
+    #[arg(long, global = true)]
+    pub software: bool,
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+impl Cli {
+    pub fn adapter(&self) -> AdapterChoice {
+        if self.software { AdapterChoice::Software } else { AdapterChoice::Best }
+    }
+}
+
+#[derive(Subcommand)]
+pub enum Command {
+    /// Open a window on a statue.
+    #[cfg(feature = "viewer")]
+    View(ViewArgs),
+    /// Write a picture.
+    Shot(ShotArgs),
+    /// Measure frame rates along a recorded camera path.
+    Bench(BenchArgs),
+    /// Compare what is drawn with the scan itself, pixel by pixel.
+    Audit(AuditArgs),
+}
+
+/// Where machine-readable results go.
+#[derive(Args)]
+pub struct JsonArgs {
+    /// Print the result as JSON, or write it to FILE.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
+    pub json: Option<Option<PathBuf>>,
+}
+
+/// What every picture needs.
+#[derive(Args)]
+pub struct DrawArgs {
+    /// Picture size in pixels.
+    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = size)]
+    pub size: (u32, u32),
+    /// Error that is allowed on screen, in pixels.
+    #[arg(long, value_name = "PX", default_value_t = 0.5, value_parser = positive)]
+    pub tau: f64,
+    /// Which hierarchy is drawn; `full` is the scan's own geometry.
+    #[arg(long, value_enum, default_value = "hybrid")]
+    pub representation: RepresentationArg,
+    /// AZIMUTH,ELEVATION of parallel light in degrees, relative to the picture (0,0 comes from
+    /// the eye, positive from the right and from above), or RIGHT,UP,FRONT of a lamp.
+    #[arg(long, value_name = "LIGHT", default_value = "-45,40", value_parser = numbers::<2, 3>, allow_hyphen_values = true)]
+    pub light: Numbers,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum RepresentationArg {
+    Hybrid,
+    Triangles,
+    Geometric,
+    Points,
+    Full,
+}
+
+impl RepresentationArg {
+    pub fn validated(self) -> Result<Representation, String> {
+        match self {
+            RepresentationArg::Hybrid => Ok(Representation::Hybrid),
+            RepresentationArg::Triangles => Ok(Representation::Triangles),
+            RepresentationArg::Geometric => Ok(Representation::Geometric),
+            RepresentationArg::Full => Ok(Representation::Full),
+            RepresentationArg::Points => {
+                Err("files of this format version hold no points; try --representation hybrid".into())
+            }
+        }
+    }
+}
+
+#[derive(Args)]
+pub struct ViewArgs {
+    /// The .hlod file.
+    pub file: PathBuf,
+    #[command(flatten)]
+    pub draw: DrawArgs,
+    #[command(flatten)]
+    pub memory: MemoryArgs,
+    /// Leave after so many seconds.
+    #[arg(long, value_name = "SECS", value_parser = positive)]
+    pub exit_after: Option<f64>,
+    /// Write what the window shows to a PNG when leaving.
+    #[arg(long, value_name = "PNG")]
+    pub screenshot: Option<PathBuf>,
+}
+
+#[derive(Args)]
+pub struct MemoryArgs {
+    /// Geometry kept on the GPU, as in 512MiB or 2GB.
+    #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = bytes)]
+    pub gpu_memory: u64,
+    /// Reading is limited to so much a second, as in 50MB/s.
+    #[arg(long, value_name = "BYTES/s", value_parser = bytes)]
+    pub io_limit: Option<u64>,
+}
+
+impl MemoryArgs {
+    pub fn limits(&self) -> ModelLimits {
+        ModelLimits {
+            gpu_bytes: self.gpu_memory,
+            read_bytes_per_sec: self.io_limit.map(|b| b as f64),
+            ..ModelLimits::default()
+        }
+    }
+}
+
+#[derive(Args)]
+pub struct ShotArgs {
+    /// The .hlod file.
+    pub file: PathBuf,
+    /// The PNG file to write; an existing one is replaced.
+    #[arg(long, short)]
+    pub output: PathBuf,
+    /// front, back, left, right, top, bottom, three-quarter, or RIGHT,UP,FRONT of the eye and,
+    /// after a colon, of the point it looks at.
+    #[arg(long, default_value = "three-quarter", allow_hyphen_values = true)]
+    pub camera: String,
+    #[command(flatten)]
+    pub draw: DrawArgs,
+    /// Draw N × N times as many pixels and average them.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
+    pub supersampling: u32,
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+#[derive(Args)]
+pub struct BenchArgs {
+    /// The .hlod file.
+    pub file: PathBuf,
+    /// A recorded camera path (bench-paths/*.json).
+    #[arg(long)]
+    pub path: PathBuf,
+    #[command(flatten)]
+    pub draw: DrawArgs,
+    /// Frames along the path.
+    #[arg(long, default_value_t = 120, value_parser = clap::value_parser!(u32).range(2..=100_000))]
+    pub frames: u32,
+    /// Begin with nothing loaded and nothing in the file cache, at the path's own pace.
+    #[arg(long)]
+    pub cold: bool,
+    #[command(flatten)]
+    pub memory: MemoryArgs,
+    /// Plot frame times to an SVG file.
+    #[arg(long, value_name = "SVG")]
+    pub plot: Option<PathBuf>,
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+#[derive(Args)]
+pub struct AuditArgs {
+    /// The .hlod file.
+    pub file: PathBuf,
+    /// The scans it was built from.
+    #[arg(long, num_args = 1.., required = true, value_name = "INPUT")]
+    pub against: Vec<PathBuf>,
+    /// Views along this camera path instead of round the statue.
+    #[arg(long)]
+    pub path: Option<PathBuf>,
+    /// How many views.
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub views: u32,
+    #[command(flatten)]
+    pub draw: DrawArgs,
+    /// Write pictures of the worst view to this folder.
+    #[arg(long, value_name = "FOLDER")]
+    pub pictures: Option<PathBuf>,
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+fn size(text: &str) -> Result<(u32, u32), String> {
+    let parsed = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    match parsed {
+        Some((w, h)) if (1..=65_536).contains(&w) && (1..=65_536).contains(&h) => Ok((w, h)),
+        _ => Err("expected a size such as 1920x1080".into()),
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
+        _ => Err("expected a positive number".into()),
+    }
+}
+
+/// A number of bytes with an optional unit and an optional `/s`.
+fn bytes(text: &str) -> Result<u64, String> {
+    let text = text.strip_suffix("/s").unwrap_or(text);
+    let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let factor = match &text[digits.len()..] {
+        "" | "B" => 1.0,
+        "kB" | "KB" => 1e3,
+        "MB" => 1e6,
+        "GB" => 1e9,
+        "KiB" => 1024.0,
+        "MiB" => 1024.0 * 1024.0,
+        "GiB" => 1024.0 * 1024.0 * 1024.0,
+        _ => return Err("expected bytes such as 512MiB or 50MB".into()),
+    };
+    match digits.parse::<f64>() {
+        Ok(value) if value > 0.0 && value * factor < 1e18 => Ok((value * factor) as u64),
+        _ => Err("expected bytes such as 512MiB or 50MB".into()),
+    }
+}
+
+/// Some finite numbers with commas between them.
+pub type Numbers = Vec<f64>;
+
+fn numbers<const LEAST: usize, const MOST: usize>(text: &str) -> Result<Numbers, String> {
+    let parsed: Option<Numbers> =
+        text.split(',').map(|n| n.trim().parse::<f64>().ok().filter(|v| v.is_finite())).collect();
+    parsed
+        .filter(|n| (LEAST..=MOST).contains(&n.len()))
+        .ok_or_else(|| format!("expected {LEAST} to {MOST} numbers with commas between them"))
+}
+
+/// The camera that `--camera` names.
+pub fn camera(text: &str, framing: &Framing, aspect: f64) -> Result<Camera, String> {
+    if let Some((_, direction)) = NAMED_VIEWS.iter().find(|(name, _)| *name == text) {
+        return Ok(framing.fitting(*direction, aspect, FOV_Y_DEG));
+    }
+    let (eye, target) = text.split_once(':').unwrap_or((text, "0,0,0"));
+    let point = |text: &str| -> Result<DVec3, String> {
+        let n = numbers::<3, 3>(text).map_err(|e| format!("--camera {text}: {e}, or a named view"))?;
+        Ok(framing.point([n[0], n[1], n[2]]))
+    };
+    let (eye, target) = (point(eye)?, point(target)?);
+    if eye == target {
+        return Err("--camera: the eye is where it looks".into());
+    }
+    Ok(framing.camera(eye, target, FOV_Y_DEG))
+}
+
+/// The light that `--light` names, for a picture taken by `camera`.
+pub fn light(numbers: &[f64], camera: &Camera, framing: &Framing) -> Light {
+    match *numbers {
+        [azimuth, elevation] => hlod_render::scene::light_from_angles(camera, azimuth, elevation),
+        [right, up, front] => Light::Point(framing.point([right, up, front])),
+        _ => unreachable!("the parser lets through two or three numbers"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory;
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn sizes_bytes_and_numbers_are_checked() {
+        assert_eq!(size("640x480"), Ok((640, 480)));
+        assert!(["640", "0x1", "640x", "axb", "-1x5"].iter().all(|s| size(s).is_err()));
+        assert_eq!(bytes("50MB/s"), Ok(50_000_000));
+        assert_eq!(bytes("1.5KiB"), Ok(1536));
+        assert!(["", "MB", "5XB", "-3MB"].iter().all(|s| bytes(s).is_err()));
+        assert_eq!(numbers::<2, 3>("1, -2"), Ok(vec![1.0, -2.0]));
+        assert!(["1", "1,2,3,4", "1,NaN", "a,b"].iter().all(|s| numbers::<2, 3>(s).is_err()));
+    }
+}

@@ -1,0 +1,169 @@
+//! The program: raw flags → validated options → library calls → pictures, tables or JSON.
+
+pub mod args;
+mod outcome;
+mod tables;
+
+use std::io::Write;
+use std::path::Path;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::Serialize;
+
+use hlod_render::audit::{AuditOptions, audit};
+use hlod_render::bench::{BenchOptions, bench};
+use hlod_render::camera::Camera;
+use hlod_render::framing::{FOV_Y_DEG, Framing};
+use hlod_render::path::CameraPath;
+use hlod_render::picture::take;
+use hlod_render::scene::{BACKGROUND, Material, Shot};
+use hlod_render::{Gpu, Model, ModelLimits};
+
+use args::{AuditArgs, BenchArgs, Cli, Command, DrawArgs, JsonArgs, ShotArgs};
+pub use outcome::Failure;
+use outcome::Outcome;
+
+pub fn run(cli: &Cli) -> Outcome {
+    match &cli.command {
+        #[cfg(feature = "viewer")]
+        Command::View(args) => run_view(cli, args),
+        Command::Shot(args) => run_shot(cli, args),
+        Command::Bench(args) => run_bench(cli, args),
+        Command::Audit(args) => run_audit(cli, args),
+    }
+}
+
+#[cfg(feature = "viewer")]
+fn run_view(cli: &Cli, args: &args::ViewArgs) -> Outcome {
+    use hlod_render::viewer::{ViewOptions, run};
+    let [azimuth, elevation] = args.draw.light[..] else {
+        return Err(Failure::Usage("view: --light takes AZIMUTH,ELEVATION".into()));
+    };
+    run(ViewOptions {
+        file: args.file.clone(),
+        limits: args.memory.limits(),
+        error_threshold_px: args.draw.tau,
+        representation: args.draw.representation.validated().map_err(Failure::Usage)?,
+        camera: None,
+        light: Some((azimuth, elevation)),
+        size: args.draw.size,
+        adapter: cli.adapter(),
+        exit_after: args.exit_after.map(std::time::Duration::from_secs_f64),
+        screenshot: args.screenshot.clone(),
+    })?;
+    Ok(())
+}
+
+fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
+    let gpu = Gpu::headless(cli.adapter())?;
+    let mut models = [Model::open(&gpu, &args.file, ModelLimits::default())?];
+    let framing = Framing::of(&models[0]);
+    let (width, height) = args.draw.size;
+    let aspect = f64::from(width) / f64::from(height);
+    let camera = args::camera(&args.camera, &framing, aspect).map_err(Failure::Usage)?;
+    let shot = shot(&args.draw, camera, &framing)?;
+    let (picture, stats) = take(&gpu, &mut models, &shot, width, height, args.supersampling)?;
+    let problems = models[0].take_problems();
+    picture.save(&args.output)?;
+    for problem in &problems {
+        eprintln!("hlod-render: {problem}; its ancestor is drawn in its place");
+    }
+    let result = serde_json::json!({
+        "output": args.output, "adapter": gpu.describe(), "width": width, "height": height,
+        "tau_px": args.draw.tau, "triangles": stats.triangles, "points": stats.points,
+        "nodes": stats.nodes, "problems": problems,
+    });
+    print(&args.json, &result, || tables::shot(&args.output, &stats, &gpu))
+}
+
+fn run_bench(cli: &Cli, args: &BenchArgs) -> Outcome {
+    let gpu = Gpu::headless(cli.adapter())?;
+    let path = CameraPath::load(&args.path)?;
+    let options = BenchOptions {
+        size: args.draw.size,
+        frames: args.frames,
+        cold: args.cold,
+        limits: args.memory.limits(),
+    };
+    let framing = Framing::of(&Model::open(&gpu, &args.file, ModelLimits::default())?);
+    let camera = framing.fitting([0.0, 0.0, 1.0], 1.0, FOV_Y_DEG);
+    let bar = progress_bar(cli.quiet, u64::from(args.frames), "frames");
+    let shot = shot(&args.draw, camera, &framing)?;
+    let report = bench(&gpu, &args.file, &path, &shot, &options, &mut |_| bar.inc(1))?;
+    bar.finish_and_clear();
+    if let Some(plot) = &args.plot {
+        report.plot(plot)?;
+    }
+    print(&args.json, &report, || tables::bench(&report))
+}
+
+fn run_audit(cli: &Cli, args: &AuditArgs) -> Outcome {
+    let gpu = Gpu::headless(cli.adapter())?;
+    let framing = Framing::of(&Model::open(&gpu, &args.file, ModelLimits::default())?);
+    let camera = framing.fitting([0.0, 0.0, 1.0], 1.0, FOV_Y_DEG);
+    let [azimuth, elevation] = args.draw.light[..] else {
+        return Err(Failure::Usage("audit: --light takes AZIMUTH,ELEVATION".into()));
+    };
+    let options = AuditOptions {
+        size: args.draw.size,
+        views: args.views,
+        path: args.path.as_deref().map(CameraPath::load).transpose()?,
+        light: (azimuth, elevation),
+        pictures: args.pictures.clone(),
+    };
+    let bar = progress_bar(cli.quiet, u64::from(args.views), "views");
+    let shot = shot(&args.draw, camera, &framing)?;
+    let report = audit(&gpu, &args.file, &args.against, &shot, &options, &mut |_| bar.inc(1))?;
+    bar.finish_and_clear();
+    print(&args.json, &report, || tables::audit(&report))
+}
+
+fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Failure> {
+    Ok(Shot {
+        camera,
+        light: args::light(&draw.light, &camera, framing),
+        material: Material::default(),
+        background: BACKGROUND,
+        representation: draw.representation.validated().map_err(Failure::Usage)?,
+        error_threshold_px: draw.tau,
+        draw_backs: false,
+        backs_magenta: false,
+    })
+}
+
+/// A bar on stderr; hidden where that is no terminal, or when quiet.
+fn progress_bar(quiet: bool, total: u64, what: &str) -> ProgressBar {
+    let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+    let template = format!("{{bar:32.cyan/dim}} {{pos}}/{{len}} {what}  {{eta}} left");
+    let style = ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::with_draw_target(Some(total), target).with_style(style)
+}
+
+/// JSON where it was asked for, else a table.
+fn print(json: &JsonArgs, result: &impl Serialize, table: impl Fn() -> String) -> Outcome {
+    match &json.json {
+        Some(Some(path)) => {
+            write_file(path, &(to_json(result)? + "\n"))?;
+            print_line(&table())
+        }
+        Some(None) => print_line(&to_json(result)?),
+        None => print_line(&table()),
+    }
+}
+
+fn to_json(result: &impl Serialize) -> Result<String, Failure> {
+    serde_json::to_string_pretty(result).map_err(|e| Failure::Work(format!("cannot write JSON: {e}")))
+}
+
+fn write_file(path: &Path, text: &str) -> Outcome {
+    std::fs::write(path, text)
+        .map_err(|e| Failure::Work(format!("{}: cannot write: {e}", path.display())))
+}
+
+fn print_line(text: &str) -> Outcome {
+    match writeln!(std::io::stdout().lock(), "{text}") {
+        // Whoever reads has seen enough.
+        Err(e) if e.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
+        other => other.map_err(|e| Failure::Work(format!("cannot write to standard output: {e}"))),
+    }
+}

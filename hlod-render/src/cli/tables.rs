@@ -1,0 +1,81 @@
+//! Results for people.
+
+use std::path::Path;
+
+use comfy_table::{CellAlignment, Table, presets};
+use hlod_render::Gpu;
+use hlod_render::audit::AuditReport;
+use hlod_render::bench::BenchReport;
+use hlod_render::frame::FrameStats;
+
+fn table(rows: &[(&str, String)]) -> String {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING);
+    for (name, value) in rows {
+        table.add_row([*name, value.as_str()]);
+    }
+    if let Some(values) = table.column_mut(1) {
+        values.set_cell_alignment(CellAlignment::Right);
+    }
+    table.to_string()
+}
+
+pub fn shot(output: &Path, stats: &FrameStats, gpu: &Gpu) -> String {
+    format!(
+        "{}: {} triangles of {} nodes, drawn by {}",
+        output.display(),
+        stats.triangles,
+        stats.nodes,
+        gpu.describe()
+    )
+}
+
+pub fn bench(r: &BenchReport) -> String {
+    let ms = |value: f64| format!("{value:.2} ms");
+    let rows = [
+        ("frames a second", format!("{:.1}", r.fps_mean)),
+        ("frame, median", ms(r.frame_ms.p50)),
+        ("frame, 95 %", ms(r.frame_ms.p95)),
+        ("frame, 99 %", ms(r.frame_ms.p99)),
+        ("frame, largest", ms(r.frame_ms.max)),
+        ("primitives a frame", format!("{:.0}", r.primitives_mean)),
+        ("stalled frames", r.stalled_frames.to_string()),
+        ("frames coarser than τ", r.frames_over_tau.to_string()),
+        ("τ drawn ÷ τ", format!("{:.3}", r.tau_ratio_mean)),
+        ("read", format!("{:.2} MB", r.bytes_read as f64 / 1e6)),
+        ("on the GPU, most", format!("{:.2} MB", r.resident_bytes_max as f64 / 1e6)),
+    ];
+    format!(
+        "{} · {} · {} · {}×{} · τ = {} px · {} frames{}\n{}\n{}",
+        r.file.display(),
+        r.path,
+        r.representation,
+        r.width,
+        r.height,
+        r.tau_px,
+        r.frames,
+        if r.cold { " · cold" } else { "" },
+        r.adapter,
+        table(&rows)
+    )
+}
+
+pub fn audit(r: &AuditReport) -> String {
+    let px = |value: f64| format!("{value:.3} px");
+    let a = &r.appearance_distance_px;
+    let s = &r.silhouette_distance_px;
+    let rows = [
+        ("views", r.views.to_string()),
+        ("pixels compared", r.pixels_compared.to_string()),
+        ("hole pixels", r.hole_pixels.to_string()),
+        ("overdraw pixels", r.overdraw_pixels.to_string()),
+        ("appearance distance, 99 %", px(a.p99)),
+        ("appearance distance, 99.9 %", px(a.p999)),
+        ("appearance distance, largest", px(a.max)),
+        ("… of the full model, 99.9 %", px(a.floor_p999)),
+        ("silhouette distance, 99 %", px(s.p99)),
+        ("silhouette distance, 99.9 %", px(s.p999)),
+        ("silhouette scored", format!("{:.1} %", 100.0 * s.scored_share)),
+    ];
+    format!("{} · {} · τ = {} px\n{}\n{}", r.file.display(), r.representation, r.tau_px, r.adapter, table(&rows))
+}

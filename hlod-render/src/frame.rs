@@ -1,0 +1,208 @@
+//! One frame, as an outline: receive → select → request → surface → shade.
+
+use glam::{DMat4, Vec4};
+
+use crate::arena::Arena;
+use crate::error::RenderError;
+use crate::gpu::Gpu;
+use crate::loader::Part;
+use crate::model::Model;
+use crate::passes::{FrameUniform, Passes, Range, Targets};
+use crate::scene::{Light, Representation, Shot};
+use crate::select::{Front, Selection, View, select};
+use crate::skeleton::ChildLink;
+
+/// What a frame drew, for statistics and benchmark records.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct FrameStats {
+    /// Triangles handed to the rasteriser.
+    pub triangles: u64,
+    /// Points drawn.
+    pub points: u64,
+    /// Nodes drawn.
+    pub nodes: usize,
+    /// Nodes that were wanted and whose ancestors were drawn instead.
+    pub missing_parts: usize,
+    /// Mean of max(1, ρ/τ) over drawn nodes, weighted by their size on screen.
+    pub tau_ratio: f64,
+    /// Largest ρ/τ of a drawn node.
+    pub tau_ratio_max: f64,
+}
+
+/// Draws models.
+pub struct Renderer {
+    passes: Passes,
+}
+
+impl Renderer {
+    /// Compiles the passes; `output` is the format of the pictures.
+    pub fn new(gpu: &Gpu, output: wgpu::TextureFormat) -> Renderer {
+        Renderer { passes: Passes::new(gpu, output) }
+    }
+
+    /// Draws one frame with what is resident and asks for what is missing. Never waits.
+    ///
+    /// # Errors
+    /// When the GPU fails.
+    pub fn render(
+        &mut self,
+        gpu: &Gpu,
+        models: &mut [Model],
+        shot: &Shot,
+        targets: &Targets,
+    ) -> Result<FrameStats, RenderError> {
+        let fronts = update(gpu, models, shot, targets.width(), targets.height())?;
+        self.draw(gpu, models, &fronts, shot, targets);
+        Ok(stats(models, &fronts, shot))
+    }
+
+    /// Draws one frame after loading everything it wants.
+    ///
+    /// # Errors
+    /// When the GPU fails, or a part that is needed is damaged.
+    pub fn render_complete(
+        &mut self,
+        gpu: &Gpu,
+        models: &mut [Model],
+        shot: &Shot,
+        targets: &Targets,
+    ) -> Result<FrameStats, RenderError> {
+        loop {
+            let fronts = update(gpu, models, shot, targets.width(), targets.height())?;
+            if fronts.iter().all(|f| f.wanted.is_empty()) || !models.iter().any(Model::is_loading) {
+                self.draw(gpu, models, &fronts, shot, targets);
+                return Ok(stats(models, &fronts, shot));
+            }
+            std::thread::yield_now();
+        }
+    }
+
+    fn draw(&mut self, gpu: &Gpu, models: &[Model], fronts: &[Front], shot: &Shot, targets: &Targets) {
+        let mut ranges = Vec::new();
+        let mut uniforms = Vec::new();
+        let mut first_identity = 0;
+        for (model, front) in models.iter().zip(fronts) {
+            for (arena, buffers) in model.arenas().iter().enumerate() {
+                let has_colours = model.header().has_colours();
+                let uniform =
+                    uniform(model.world_from_model(), has_colours, shot, targets, first_identity);
+                uniforms.push((uniform, buffers));
+                let index = uniforms.len() - 1;
+                for draw in &front.draws {
+                    let Some(slot) = model.slot(draw.node, draw.representation) else { continue };
+                    if slot.arena == arena {
+                        let node = &model.skeleton().nodes()[draw.node as usize];
+                        let cull_backs = node.closed_oriented && !shot.draw_backs && !shot.backs_magenta;
+                        ranges.push(Range { uniform: index, triangles: slot.triangles.clone(), cull_backs });
+                    }
+                }
+                first_identity += model.arena_size().triangles;
+            }
+        }
+        self.draw_ranges(gpu, &uniforms, &ranges, shot, targets);
+    }
+
+    /// Draws given ranges of given arenas; a frame's last step, and all of it for the reference of
+    /// audits.
+    pub(crate) fn draw_ranges(
+        &mut self,
+        gpu: &Gpu,
+        uniforms: &[(FrameUniform, &Arena)],
+        ranges: &[Range],
+        shot: &Shot,
+        targets: &Targets,
+    ) {
+        self.passes.encode(gpu, uniforms, ranges, shot, targets);
+    }
+}
+
+/// Receive → select → request, for every model.
+fn update(
+    gpu: &Gpu,
+    models: &mut [Model],
+    shot: &Shot,
+    width: u32,
+    height: u32,
+) -> Result<Vec<Front>, RenderError> {
+    let full = shot.representation == Representation::Full;
+    let selection = Selection {
+        kind: shot.representation.kind(),
+        error_threshold_px: if full { 0.0 } else { shot.error_threshold_px },
+    };
+    models
+        .iter_mut()
+        .map(|model| {
+            model.receive(gpu)?;
+            let view = View::new(&shot.camera, model.world_from_model(), width, height);
+            let front = select(model.skeleton(), &view, selection, &|n, r| model.is_resident(n, r));
+            model.request(&front);
+            Ok(front)
+        })
+        .collect()
+}
+
+/// What shaders know of a frame and one arena of a model.
+pub(crate) fn uniform(
+    world_from_model: DMat4,
+    has_colours: bool,
+    shot: &Shot,
+    targets: &Targets,
+    first_identity: u32,
+) -> FrameUniform {
+    let (width, height) = (targets.width(), targets.height());
+    let aspect = f64::from(width) / f64::from(height);
+    // Shading happens relative to the model's centre: f32 would not do far from the origin.
+    let centre = world_from_model.transform_point3(glam::DVec3::ZERO);
+    let relative = DMat4::from_translation(-centre) * world_from_model;
+    let parallel = matches!(shot.camera.projection, crate::camera::Projection::Orthographic { .. });
+    let eye = if parallel {
+        shot.camera.axes()[2].as_vec3().extend(0.0)
+    } else {
+        (shot.camera.eye - centre).as_vec3().extend(1.0)
+    };
+    let light = match shot.light {
+        Light::Directional(direction) => direction.normalize_or_zero().as_vec3().extend(0.0),
+        Light::Point(position) => (position - centre).as_vec3().extend(1.0),
+    };
+    let flag = |on: bool| f32::from(u8::from(on));
+    FrameUniform {
+        clip_from_model: shot.camera.clip_from_model(world_from_model, aspect),
+        world_from_model: relative.as_mat4(),
+        eye,
+        light,
+        material: shot.material.albedo.extend(shot.material.highlight),
+        shading: Vec4::new(
+            shot.material.ambient,
+            flag(has_colours),
+            flag(shot.backs_magenta),
+            1.0,
+        ),
+        size: [width, height, first_identity, 0],
+    }
+}
+
+fn stats(models: &[Model], fronts: &[Front], shot: &Shot) -> FrameStats {
+    let mut stats = FrameStats { tau_ratio: 0.0, ..FrameStats::default() };
+    let mut weights = 0.0;
+    let tau = shot.error_threshold_px.max(1e-9);
+    for (model, front) in models.iter().zip(fronts) {
+        stats.nodes += front.draws.len();
+        stats.missing_parts += front
+            .wanted
+            .iter()
+            .filter(|w| matches!(w.part, Part::Page(_) | Part::Block(_)))
+            .count();
+        for draw in &front.draws {
+            let node = &model.skeleton().nodes()[draw.node as usize];
+            stats.triangles += u64::from(node.representations[draw.representation].triangles);
+            // A leaf is as fine as it gets.
+            let ratio = if node.children == ChildLink::None { 0.0 } else { draw.error_px / tau };
+            let ratio = ratio.min(1e6);
+            stats.tau_ratio += ratio.max(1.0) * draw.area_px;
+            stats.tau_ratio_max = stats.tau_ratio_max.max(ratio);
+            weights += draw.area_px;
+        }
+    }
+    stats.tau_ratio = if weights > 0.0 { stats.tau_ratio / weights } else { 1.0 };
+    stats
+}

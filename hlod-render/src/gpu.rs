@@ -1,0 +1,126 @@
+//! The adapter, and reading pictures back from it.
+
+use crate::error::RenderError;
+
+/// A device with what the renderer needs.
+pub struct Gpu {
+    /// The logical device.
+    pub device: wgpu::Device,
+    /// Its only queue.
+    pub queue: wgpu::Queue,
+    /// What it is.
+    pub info: wgpu::AdapterInfo,
+}
+
+/// Which adapter to use.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum AdapterChoice {
+    /// A real GPU where there is one, else a software rasteriser.
+    #[default]
+    Best,
+    /// The software rasteriser (tests).
+    Software,
+}
+
+impl Gpu {
+    /// Opens an adapter without a window.
+    ///
+    /// # Errors
+    /// When there is none, or it lacks something.
+    pub fn headless(choice: AdapterChoice) -> Result<Gpu, RenderError> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+        let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions {
+            power_preference: wgpu::PowerPreference::HighPerformance,
+            force_fallback_adapter: choice == AdapterChoice::Software,
+            compatible_surface: None,
+            ..Default::default()
+        }))
+        .map_err(|e| RenderError::NoAdapter(e.to_string()))?;
+        Gpu::open(&adapter)
+    }
+
+    /// Opens an adapter that was chosen elsewhere (for a window).
+    ///
+    /// # Errors
+    /// When it lacks something.
+    pub fn open(adapter: &wgpu::Adapter) -> Result<Gpu, RenderError> {
+        let info = adapter.get_info();
+        let supported = adapter.limits();
+        // Geometry lies in storage buffers as large as the adapter allows.
+        let limits = wgpu::Limits {
+            max_storage_buffer_binding_size: supported.max_storage_buffer_binding_size,
+            max_buffer_size: supported.max_buffer_size,
+            max_texture_dimension_2d: supported.max_texture_dimension_2d,
+            ..wgpu::Limits::default()
+        };
+        let descriptor = wgpu::DeviceDescriptor {
+            label: Some("hlod-render"),
+            required_limits: limits,
+            ..Default::default()
+        };
+        let (device, queue) =
+            pollster::block_on(adapter.request_device(&descriptor)).map_err(|e| {
+                RenderError::Gpu { adapter: info.name.clone(), why: e.to_string() }
+            })?;
+        Ok(Gpu { device, queue, info })
+    }
+
+    /// Name, kind and driver, as in `llvmpipe (Cpu, Vulkan, Mesa 22.3.6)`.
+    pub fn describe(&self) -> String {
+        let i = &self.info;
+        format!("{} ({:?}, {}, {})", i.name, i.device_type, i.backend, i.driver_info)
+    }
+
+    /// Waits until everything submitted has been done.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub fn wait(&self) -> Result<(), RenderError> {
+        self.device
+            .poll(wgpu::PollType::wait_indefinitely())
+            .map(drop)
+            .map_err(|e| self.error(e.to_string()))
+    }
+
+    pub(crate) fn error(&self, why: impl Into<String>) -> RenderError {
+        RenderError::Gpu { adapter: self.info.name.clone(), why: why.into() }
+    }
+
+    /// Copies a texture of four bytes a pixel to memory, row by row from the top.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub fn read_texture(&self, texture: &wgpu::Texture, aspect: wgpu::TextureAspect) -> Result<Vec<u8>, RenderError> {
+        let (width, height) = (texture.width(), texture.height());
+        let row = width * 4;
+        let padded = row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("read back"),
+            size: u64::from(padded) * u64::from(height),
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        encoder.copy_texture_to_buffer(
+            wgpu::TexelCopyTextureInfo { texture, mip_level: 0, origin: wgpu::Origin3d::ZERO, aspect },
+            wgpu::TexelCopyBufferInfo {
+                buffer: &buffer,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(padded),
+                    rows_per_image: None,
+                },
+            },
+            texture.size(),
+        );
+        self.queue.submit([encoder.finish()]);
+        buffer.map_async(wgpu::MapMode::Read, .., |_| {});
+        self.wait()?;
+        let mapped = buffer.get_mapped_range(..).map_err(|e| self.error(e.to_string()))?;
+        let mut out = Vec::with_capacity((row * height) as usize);
+        for line in mapped.chunks_exact(padded as usize) {
+            out.extend_from_slice(&line[..row as usize]);
+        }
+        Ok(out)
+    }
+}

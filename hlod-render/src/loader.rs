@@ -1,0 +1,238 @@
+//! Reading and decoding in the background.
+//!
+//! [`Loader`] is all that the renderer knows: requests are submitted, completions polled, nothing
+//! waits. [`FileLoader`] is the implementation for local files, with threads; others (a network, a
+//! browser) need only these two calls and [`decode`].
+
+use std::collections::HashSet;
+use std::path::Path;
+use std::sync::mpsc;
+use std::sync::{Arc, Condvar, Mutex};
+use std::time::{Duration, Instant};
+
+use bytemuck::{Pod, Zeroable};
+use hlod_compress::{BlockRef, FormatError, HlodFile, Lattice, PageRef, SkeletonBlock, decode_mesh};
+
+/// What a request is for, as its submitter knows it.
+pub type Ticket = u64;
+
+/// A part of a file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Part {
+    /// A skeleton block.
+    Block(BlockRef),
+    /// A page.
+    Page(PageRef),
+}
+
+impl Part {
+    /// Length in the file.
+    pub fn file_bytes(&self) -> u64 {
+        match self {
+            Part::Block(block) => u64::from(block.block_bytes),
+            Part::Page(page) => u64::from(page.page_bytes),
+        }
+    }
+}
+
+/// A part, ready for use.
+#[derive(Debug)]
+pub enum Loaded {
+    /// A skeleton block.
+    Block(SkeletonBlock),
+    /// A page's geometry.
+    Mesh(GpuMesh),
+}
+
+/// One finished request.
+#[derive(Debug)]
+pub struct Completion {
+    /// Which.
+    pub ticket: Ticket,
+    /// What came of it.
+    pub result: Result<Loaded, FormatError>,
+    /// Bytes read from the file for it.
+    pub bytes_read: u64,
+}
+
+/// Reads parts of one file without making anyone wait.
+pub trait Loader {
+    /// Asks for parts; the most urgent first. Each call states everything that is wanted: parts
+    /// submitted earlier and not begun are dropped, parts begun are not begun again.
+    fn submit(&mut self, wanted: Vec<(Ticket, Part)>);
+    /// Everything finished since the last call.
+    fn poll(&mut self) -> Vec<Completion>;
+    /// Requests that are not completed yet.
+    fn in_flight(&self) -> usize;
+}
+
+/// A vertex as shaders see it.
+#[derive(Debug, Clone, Copy, Pod, Zeroable, PartialEq)]
+#[repr(C)]
+pub struct GpuVertex {
+    /// Model space: source coordinates relative to the root cube's centre.
+    pub position: [f32; 3],
+    /// Octahedral, two i16.
+    pub normal: [i16; 2],
+}
+
+/// A page's geometry as shaders see it.
+#[derive(Debug, Clone, Default)]
+pub struct GpuMesh {
+    /// Vertices.
+    pub vertices: Vec<GpuVertex>,
+    /// sRGB and alpha, or empty.
+    pub colours: Vec<[u8; 4]>,
+    /// Three a triangle, counted from the mesh's first vertex.
+    pub indices: Vec<u32>,
+}
+
+/// Centre of the root cube in source coordinates: the origin of model space.
+pub fn model_origin(lattice: &Lattice) -> glam::DVec3 {
+    let half = f64::from(lattice.root_units) / 2.0;
+    glam::DVec3::from_array(lattice.origin) + glam::DVec3::splat(half * lattice.step)
+}
+
+/// Turns a part's bytes into what it is for.
+///
+/// # Errors
+/// When the bytes are damaged.
+pub fn decode(part: &Part, bytes: &[u8], lattice: &Lattice) -> Result<Loaded, FormatError> {
+    match part {
+        Part::Block(block) => SkeletonBlock::parse(bytes, *block).map(Loaded::Block),
+        Part::Page(page) => {
+            page.check(bytes)?;
+            let mesh = decode_mesh(bytes)?;
+            let half = f64::from(lattice.root_units) / 2.0;
+            let vertex = |(position, normal): (&[i32; 3], &hlod_compress::OctNormal)| GpuVertex {
+                position: position.map(|c| ((f64::from(c) - half) * lattice.step) as f32),
+                normal: normal.0,
+            };
+            Ok(Loaded::Mesh(GpuMesh {
+                vertices: mesh.positions.iter().zip(&mesh.normals).map(vertex).collect(),
+                colours: mesh.colours,
+                indices: mesh.triangles.into_iter().flatten().collect(),
+            }))
+        }
+    }
+}
+
+/// Reads a local file on worker threads, each with its own positioned reads.
+pub struct FileLoader {
+    shared: Arc<Shared>,
+    completions: mpsc::Receiver<Completion>,
+}
+
+struct Shared {
+    file: HlodFile,
+    state: Mutex<State>,
+    wake: Condvar,
+}
+
+struct State {
+    /// Most urgent last.
+    wanted: Vec<(Ticket, Part)>,
+    /// Begun and not polled yet.
+    begun: HashSet<Ticket>,
+    closing: bool,
+    bandwidth: Option<Bandwidth>,
+}
+
+/// A limit on reading, for measurements of slow disks and networks.
+struct Bandwidth {
+    bytes_per_sec: f64,
+    /// When the next read may begin.
+    free_at: Instant,
+}
+
+impl FileLoader {
+    /// Opens a file; `bytes_per_sec` limits reading.
+    ///
+    /// # Errors
+    /// When it is not an `.hlod` file.
+    pub fn open(path: &Path, threads: usize, bytes_per_sec: Option<f64>) -> Result<(FileLoader, hlod_compress::Header), FormatError> {
+        let file = HlodFile::open(path)?;
+        let header = file.header().clone();
+        let bandwidth =
+            bytes_per_sec.map(|bytes_per_sec| Bandwidth { bytes_per_sec, free_at: Instant::now() });
+        let state = State { wanted: Vec::new(), begun: HashSet::new(), closing: false, bandwidth };
+        let shared = Arc::new(Shared { file, state: Mutex::new(state), wake: Condvar::new() });
+        let (sender, completions) = mpsc::channel();
+        for _ in 0..threads.max(1) {
+            let (shared, sender) = (shared.clone(), sender.clone());
+            std::thread::spawn(move || work(&shared, &sender));
+        }
+        Ok((FileLoader { shared, completions }, header))
+    }
+}
+
+fn work(shared: &Shared, completions: &mpsc::Sender<Completion>) {
+    loop {
+        // Take the most urgent part and its turn at the disk.
+        let Ok(mut state) = shared.state.lock() else { return };
+        let ((ticket, part), begin) = loop {
+            if state.closing {
+                return;
+            }
+            if let Some(next) = state.wanted.pop() {
+                let now = Instant::now();
+                let begin = state.bandwidth.as_mut().map_or(now, |limit| {
+                    let secs = next.1.file_bytes() as f64 / limit.bytes_per_sec;
+                    limit.free_at = limit.free_at.max(now) + Duration::from_secs_f64(secs);
+                    limit.free_at
+                });
+                break (next, begin);
+            }
+            let Ok(woken) = shared.wake.wait(state) else { return };
+            state = woken;
+        };
+        state.begun.insert(ticket);
+        drop(state);
+        std::thread::sleep(begin.saturating_duration_since(Instant::now()));
+
+        let read = match &part {
+            Part::Block(b) => shared.file.read_range("skeleton block", b.offset, b.block_bytes),
+            Part::Page(p) => shared.file.read_range("page", p.offset, p.page_bytes),
+        };
+        let bytes_read = read.as_ref().map_or(0, |bytes| bytes.len() as u64);
+        let lattice = &shared.file.header().lattice;
+        let result = read.and_then(|bytes| decode(&part, &bytes, lattice));
+        if completions.send(Completion { ticket, result, bytes_read }).is_err() {
+            return;
+        }
+    }
+}
+
+impl Loader for FileLoader {
+    fn submit(&mut self, mut wanted: Vec<(Ticket, Part)>) {
+        wanted.reverse();
+        if let Ok(mut state) = self.shared.state.lock() {
+            wanted.retain(|(ticket, _)| !state.begun.contains(ticket));
+            state.wanted = wanted;
+        }
+        self.shared.wake.notify_all();
+    }
+
+    fn poll(&mut self) -> Vec<Completion> {
+        let completions: Vec<Completion> = self.completions.try_iter().collect();
+        if let Ok(mut state) = self.shared.state.lock() {
+            for completion in &completions {
+                state.begun.remove(&completion.ticket);
+            }
+        }
+        completions
+    }
+
+    fn in_flight(&self) -> usize {
+        self.shared.state.lock().map_or(0, |state| state.begun.len() + state.wanted.len())
+    }
+}
+
+impl Drop for FileLoader {
+    fn drop(&mut self) {
+        if let Ok(mut state) = self.shared.state.lock() {
+            state.closing = true;
+        }
+        self.shared.wake.notify_all();
+    }
+}

@@ -1,0 +1,266 @@
+//! A file that is shown: its skeleton, what of it is resident, and what is on the way.
+
+use std::collections::{HashMap, HashSet, VecDeque};
+use std::path::{Path, PathBuf};
+
+use glam::{DMat4, DVec3};
+use hlod_compress::{Header, HlodFile};
+
+use crate::arena::{Arena, ArenaSize, Slot};
+use crate::error::RenderError;
+use crate::gpu::Gpu;
+use crate::loader::{Completion, FileLoader, GpuMesh, Loaded, Loader, decode, model_origin};
+use crate::select::{Front, page_ticket, parse_ticket};
+use crate::skeleton::{ChildLink, Skeleton};
+
+/// Limits under which a model is shown.
+#[derive(Debug, Clone, Copy)]
+pub struct ModelLimits {
+    /// Most bytes of geometry on the GPU; exceeded only by what one frame draws.
+    pub gpu_bytes: u64,
+    /// Most bytes copied to the GPU in one frame, so that none takes long.
+    pub upload_bytes_per_frame: u64,
+    /// Limit on reading, for measurements.
+    pub read_bytes_per_sec: Option<f64>,
+}
+
+impl Default for ModelLimits {
+    /// 1 GiB on the GPU, 8 MiB a frame, reading as fast as the disk.
+    fn default() -> Self {
+        ModelLimits { gpu_bytes: 1 << 30, upload_bytes_per_frame: 8 << 20, read_bytes_per_sec: None }
+    }
+}
+
+/// One model of a scene.
+pub struct Model {
+    path: PathBuf,
+    header: Header,
+    skeleton: Skeleton,
+    world_from_model: DMat4,
+    limits: ModelLimits,
+    loader: Box<dyn Loader>,
+    arena_size: ArenaSize,
+    arenas: Vec<Arena>,
+    slots: HashMap<(u32, usize), Resident>,
+    /// Decoded and not copied to the GPU yet.
+    waiting: VecDeque<((u32, usize), GpuMesh)>,
+    frame: u64,
+    /// Parts that turned out to be damaged: not asked for again.
+    damaged: HashSet<u64>,
+    problems: Vec<String>,
+    bytes_read: u64,
+}
+
+struct Resident {
+    slot: Slot,
+    last_used: u64,
+}
+
+impl Model {
+    /// Opens a file and loads its root, so that there is always something to draw.
+    ///
+    /// # Errors
+    /// When the file is not an `.hlod` file or its front part is damaged.
+    pub fn open(gpu: &Gpu, path: &Path, limits: ModelLimits) -> Result<Model, RenderError> {
+        const READER_THREADS: usize = 2;
+        let format = RenderError::format(path);
+        let file = HlodFile::open(path).map_err(&format)?;
+        let header = file.header().clone();
+        let root_block = file.read_block(header.root_block).map_err(&format)?;
+        let skeleton = Skeleton::new(header.lattice, &root_block);
+        let (loader, _) =
+            FileLoader::open(path, READER_THREADS, limits.read_bytes_per_sec).map_err(&format)?;
+
+        // Arenas are no larger than the whole model needs.
+        let nodes = skeleton.nodes().iter();
+        let known: (u64, u64) = nodes.flat_map(|n| &n.representations).fold((0, 0), |sum, r| {
+            (sum.0 + u64::from(r.vertices), sum.1 + u64::from(r.triangles))
+        });
+        let (vertices, triangles) =
+            if header.nodes as usize > skeleton.nodes().len() { (u64::MAX / 4, u64::MAX / 4) } else { known };
+        let arena_size = ArenaSize::for_model(gpu, vertices, triangles, header.has_colours());
+
+        let mut model = Model {
+            path: path.to_owned(),
+            world_from_model: DMat4::from_translation(model_origin(&header.lattice)),
+            header,
+            skeleton,
+            limits,
+            loader: Box::new(loader),
+            arena_size,
+            arenas: Vec::new(),
+            slots: HashMap::new(),
+            waiting: VecDeque::new(),
+            frame: 0,
+            damaged: HashSet::new(),
+            problems: Vec::new(),
+            bytes_read: 0,
+        };
+        let root = model.skeleton.nodes()[0].representations.clone();
+        for (i, representation) in root.iter().enumerate() {
+            let part = crate::loader::Part::Page(representation.page);
+            let bytes = file.read_page(representation.page).map_err(&format)?;
+            model.bytes_read += bytes.len() as u64;
+            if let Loaded::Mesh(mesh) = decode(&part, &bytes, &model.header.lattice).map_err(&format)? {
+                model.upload(gpu, (0, i), &mesh)?;
+            }
+        }
+        Ok(model)
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What the file says about itself.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// The nodes known so far.
+    pub fn skeleton(&self) -> &Skeleton {
+        &self.skeleton
+    }
+
+    /// Model space → world space. World space is the source's coordinates.
+    pub fn world_from_model(&self) -> DMat4 {
+        self.world_from_model
+    }
+
+    /// Bounds of all geometry in world space.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        let place = |p| DVec3::from_array(self.header.lattice.position(p));
+        (place(self.header.bounds[0]), place(self.header.bounds[1]))
+    }
+
+    /// What went wrong in the background, once each; the caller shows it.
+    pub fn take_problems(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.problems)
+    }
+
+    /// Bytes read from the file so far.
+    pub fn bytes_read(&self) -> u64 {
+        self.bytes_read
+    }
+
+    /// Bytes of geometry that are resident on the GPU.
+    pub fn resident_bytes(&self) -> u64 {
+        self.slots.values().map(|r| r.slot.bytes()).sum()
+    }
+
+    /// Whether anything is being read or waits for its copy to the GPU.
+    pub fn is_loading(&self) -> bool {
+        self.loader.in_flight() > 0 || !self.waiting.is_empty()
+    }
+
+    /// Whether a node's representation can be drawn now.
+    pub fn is_resident(&self, node: u32, representation: usize) -> bool {
+        self.slots.contains_key(&(node, representation))
+    }
+
+    pub(crate) fn arenas(&self) -> &[Arena] {
+        &self.arenas
+    }
+
+    pub(crate) fn arena_size(&self) -> ArenaSize {
+        self.arena_size
+    }
+
+    pub(crate) fn slot(&self, node: u32, representation: usize) -> Option<&Slot> {
+        self.slots.get(&(node, representation)).map(|r| &r.slot)
+    }
+
+    /// Takes what was loaded since the last frame: blocks at once, geometry as far as this
+    /// frame's share allows.
+    ///
+    /// # Errors
+    /// When the GPU has no memory for what must be drawn.
+    pub fn receive(&mut self, gpu: &Gpu) -> Result<(), RenderError> {
+        self.frame += 1;
+        for Completion { ticket, result, bytes_read } in self.loader.poll() {
+            self.bytes_read += bytes_read;
+            let (node, representation) = parse_ticket(ticket);
+            match (result, representation) {
+                (Ok(Loaded::Block(block)), None) => {
+                    self.skeleton.add_children(node, &block);
+                }
+                (Ok(Loaded::Mesh(mesh)), Some(r)) => self.waiting.push_back(((node, r), mesh)),
+                (Ok(_), _) => {}
+                (Err(error), _) => {
+                    // Its ancestor is drawn in its place from now on.
+                    if self.damaged.insert(ticket) {
+                        self.problems.push(format!("{}: {error}", self.path.display()));
+                    }
+                }
+            }
+        }
+        let mut copied = 0;
+        while copied < self.limits.upload_bytes_per_frame {
+            let Some((key, mesh)) = self.waiting.pop_front() else { break };
+            copied += (mesh.vertices.len() * 16 + mesh.indices.len() * 4) as u64;
+            if !self.slots.contains_key(&key) {
+                self.upload(gpu, key, &mesh)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Asks for what the front lacks, and notes what it uses.
+    pub fn request(&mut self, front: &Front) {
+        for draw in &front.draws {
+            if let Some(resident) = self.slots.get_mut(&(draw.node, draw.representation)) {
+                resident.last_used = self.frame;
+            }
+        }
+        let waiting: HashSet<u64> =
+            self.waiting.iter().map(|((node, r), _)| page_ticket(*node, *r)).collect();
+        let wanted = front
+            .wanted
+            .iter()
+            .filter(|w| !waiting.contains(&w.ticket) && !self.damaged.contains(&w.ticket));
+        self.loader.submit(wanted.map(|w| (w.ticket, w.part)).collect());
+    }
+
+    /// Finds room for a mesh: in an arena, in a new one within the budget, or by removing what
+    /// has not been drawn for longest.
+    fn upload(&mut self, gpu: &Gpu, key: (u32, usize), mesh: &GpuMesh) -> Result<(), RenderError> {
+        loop {
+            for (i, arena) in self.arenas.iter_mut().enumerate() {
+                if let Some(slot) = arena.insert(gpu, mesh, i) {
+                    self.slots.insert(key, Resident { slot, last_used: self.frame });
+                    return Ok(());
+                }
+            }
+            let arenas = self.arenas.len() as u64;
+            let within_budget = (arenas + 1) * self.arena_size.bytes() <= self.limits.gpu_bytes;
+            if arenas == 0 || within_budget || !self.evict_oldest() {
+                let fits = mesh.vertices.len() as u32 <= self.arena_size.vertices
+                    && (mesh.indices.len() / 3) as u32 <= self.arena_size.triangles;
+                if !fits {
+                    return Err(gpu.error(format!("node {} is larger than a buffer may be", key.0)));
+                }
+                self.arenas.push(Arena::new(gpu, self.arena_size));
+            }
+        }
+    }
+
+    /// False where everything was drawn in the last frame.
+    fn evict_oldest(&mut self) -> bool {
+        let oldest = self
+            .slots
+            .iter()
+            .filter(|((node, _), r)| *node != 0 && r.last_used + 1 < self.frame)
+            .min_by_key(|(key, r)| (r.last_used, **key))
+            .map(|(key, _)| *key);
+        let Some(resident) = oldest.and_then(|key| self.slots.remove(&key)) else { return false };
+        let arena = resident.slot.arena;
+        self.arenas[arena].remove(resident.slot);
+        true
+    }
+
+    /// Whether the whole skeleton is loaded (tests and tools).
+    pub fn skeleton_is_complete(&self) -> bool {
+        self.skeleton.nodes().iter().all(|n| !matches!(n.children, ChildLink::Unloaded(_)))
+    }
+}

@@ -1,0 +1,352 @@
+//! The GPU passes: surface (identity and depth), then shade.
+
+use bytemuck::{Pod, Zeroable};
+use glam::{Mat4, Vec4};
+
+use crate::arena::Arena;
+use crate::gpu::Gpu;
+use crate::scene::Shot;
+
+/// What shaders know of a frame, once for each arena; see `Frame` in `shared.wgsl`.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub struct FrameUniform {
+    /// Model space → clip space.
+    pub clip_from_model: Mat4,
+    /// Model space → world space relative to the model's centre.
+    pub world_from_model: Mat4,
+    /// Eye (w = 1) or direction towards it (w = 0).
+    pub eye: Vec4,
+    /// Light (w = 1) or direction towards it (w = 0).
+    pub light: Vec4,
+    /// Linear albedo and highlight.
+    pub material: Vec4,
+    /// Ambient share; colours; backs magenta; backs lit like fronts.
+    pub shading: Vec4,
+    /// Width, height, number of the arena's first triangle.
+    pub size: [u32; 4],
+}
+
+/// Uniforms lie this far apart in their buffer, as every adapter allows.
+const UNIFORM_STRIDE: u64 = 256;
+
+/// A range of an arena's triangles to draw.
+#[derive(Debug, Clone)]
+pub struct Range {
+    /// Which uniform, and so which arena.
+    pub uniform: usize,
+    /// Triangles of the arena.
+    pub triangles: std::ops::Range<u32>,
+    /// Whether backs can be left to the rasteriser to drop.
+    pub cull_backs: bool,
+}
+
+/// Textures that a frame is drawn into.
+pub struct Targets {
+    identity: wgpu::Texture,
+    depth: wgpu::Texture,
+    /// The picture.
+    pub colour: wgpu::TextureView,
+    identity_bind_group: std::sync::OnceLock<wgpu::BindGroup>,
+}
+
+const IDENTITY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
+const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+
+impl Targets {
+    /// Identity and depth for pictures of `colour`, which has this size.
+    pub fn new(gpu: &Gpu, colour: wgpu::TextureView, width: u32, height: u32) -> Targets {
+        let texture = |label, format| {
+            gpu.device.create_texture(&wgpu::TextureDescriptor {
+                label: Some(label),
+                size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                    | wgpu::TextureUsages::TEXTURE_BINDING
+                    | wgpu::TextureUsages::COPY_SRC,
+                view_formats: &[],
+            })
+        };
+        Targets {
+            identity: texture("identity", IDENTITY_FORMAT),
+            depth: texture("depth", DEPTH_FORMAT),
+            colour,
+            identity_bind_group: std::sync::OnceLock::new(),
+        }
+    }
+
+    /// Width in pixels.
+    pub fn width(&self) -> u32 {
+        self.identity.width()
+    }
+
+    /// Height in pixels.
+    pub fn height(&self) -> u32 {
+        self.identity.height()
+    }
+
+    /// Identity of the triangle seen in each pixel: 0 for none, bit 31 for its back.
+    pub fn identity(&self) -> &wgpu::Texture {
+        &self.identity
+    }
+
+    /// Reversed depth, f32.
+    pub fn depth(&self) -> &wgpu::Texture {
+        &self.depth
+    }
+}
+
+/// Pipelines and what they are bound with.
+pub(crate) struct Passes {
+    surface_culled: wgpu::RenderPipeline,
+    surface_two_sided: wgpu::RenderPipeline,
+    shade: wgpu::RenderPipeline,
+    geometry_layout: wgpu::BindGroupLayout,
+    identity_layout: wgpu::BindGroupLayout,
+    uniforms: wgpu::Buffer,
+    indirect: wgpu::Buffer,
+}
+
+impl Passes {
+    pub(crate) fn new(gpu: &Gpu, output: wgpu::TextureFormat) -> Passes {
+        let device = &gpu.device;
+        let storage = |binding, visibility| wgpu::BindGroupLayoutEntry {
+            binding,
+            visibility,
+            ty: wgpu::BindingType::Buffer {
+                ty: wgpu::BufferBindingType::Storage { read_only: true },
+                has_dynamic_offset: false,
+                min_binding_size: None,
+            },
+            count: None,
+        };
+        let both = wgpu::ShaderStages::VERTEX_FRAGMENT;
+        let geometry_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("geometry"),
+            entries: &[
+                wgpu::BindGroupLayoutEntry {
+                    binding: 0,
+                    visibility: both,
+                    ty: wgpu::BindingType::Buffer {
+                        ty: wgpu::BufferBindingType::Uniform,
+                        has_dynamic_offset: true,
+                        min_binding_size: std::num::NonZeroU64::new(size_of::<FrameUniform>() as u64),
+                    },
+                    count: None,
+                },
+                storage(1, both),
+                storage(2, both),
+                storage(3, wgpu::ShaderStages::FRAGMENT),
+            ],
+        });
+        let identity_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("identity"),
+            entries: &[wgpu::BindGroupLayoutEntry {
+                binding: 0,
+                visibility: wgpu::ShaderStages::FRAGMENT,
+                ty: wgpu::BindingType::Texture {
+                    sample_type: wgpu::TextureSampleType::Uint,
+                    view_dimension: wgpu::TextureViewDimension::D2,
+                    multisampled: false,
+                },
+                count: None,
+            }],
+        });
+        let layout = |label, groups: &[Option<&wgpu::BindGroupLayout>]| {
+            device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some(label),
+                bind_group_layouts: groups,
+                immediate_size: 0,
+            })
+        };
+        let surface_layout = layout("surface", &[Some(&geometry_layout)]);
+        let shade_layout = layout("shade", &[Some(&geometry_layout), Some(&identity_layout)]);
+
+        let pipeline = |pass: hlod_shaders::Pass, layout, cull_mode, target, depth: bool| {
+            let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(pass.name),
+                source: wgpu::ShaderSource::Wgsl(pass.source.into()),
+            });
+            device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                label: Some(pass.name),
+                layout: Some(layout),
+                vertex: wgpu::VertexState {
+                    module: &module,
+                    entry_point: Some(&format!("{}_vertex", pass.name)),
+                    compilation_options: Default::default(),
+                    buffers: &[],
+                },
+                primitive: wgpu::PrimitiveState { cull_mode, ..Default::default() },
+                depth_stencil: depth.then(|| wgpu::DepthStencilState {
+                    format: DEPTH_FORMAT,
+                    depth_write_enabled: Some(true),
+                    depth_compare: Some(wgpu::CompareFunction::Greater),
+                    stencil: Default::default(),
+                    bias: Default::default(),
+                }),
+                multisample: Default::default(),
+                fragment: Some(wgpu::FragmentState {
+                    module: &module,
+                    entry_point: Some(&format!("{}_fragment", pass.name)),
+                    compilation_options: Default::default(),
+                    targets: &[Some(wgpu::ColorTargetState {
+                        format: target,
+                        blend: None,
+                        write_mask: wgpu::ColorWrites::ALL,
+                    })],
+                }),
+                multiview_mask: None,
+                cache: None,
+            })
+        };
+        let surface = |cull| pipeline(hlod_shaders::SURFACE, &surface_layout, cull, IDENTITY_FORMAT, true);
+        Passes {
+            surface_culled: surface(Some(wgpu::Face::Back)),
+            surface_two_sided: surface(None),
+            shade: pipeline(hlod_shaders::SHADE, &shade_layout, None, output, false),
+            uniforms: buffer(gpu, "uniforms", 16 * UNIFORM_STRIDE, wgpu::BufferUsages::UNIFORM),
+            indirect: buffer(gpu, "draws", 1024 * 16, wgpu::BufferUsages::INDIRECT),
+            geometry_layout,
+            identity_layout,
+        }
+    }
+
+    /// Submits one frame: all ranges into identity and depth, then one shading draw an arena.
+    pub(crate) fn encode(
+        &mut self,
+        gpu: &Gpu,
+        uniforms: &[(FrameUniform, &Arena)],
+        ranges: &[Range],
+        shot: &Shot,
+        targets: &Targets,
+    ) {
+        let device = &gpu.device;
+        // Upload the uniforms and the draws, sorted by arena and pipeline.
+        let mut bytes = vec![0u8; uniforms.len() * UNIFORM_STRIDE as usize];
+        for (i, (uniform, _)) in uniforms.iter().enumerate() {
+            let at = i * UNIFORM_STRIDE as usize;
+            bytes[at..at + size_of::<FrameUniform>()].copy_from_slice(bytemuck::bytes_of(uniform));
+        }
+        write_growing(gpu, &mut self.uniforms, &bytes);
+        let mut ranges: Vec<&Range> = ranges.iter().collect();
+        ranges.sort_by_key(|r| (r.uniform, r.cull_backs, r.triangles.start));
+        let draws: Vec<[u32; 4]> = ranges
+            .iter()
+            .map(|r| [3 * (r.triangles.end - r.triangles.start), 1, 3 * r.triangles.start, 0])
+            .collect();
+        write_growing(gpu, &mut self.indirect, bytemuck::cast_slice(&draws));
+
+        let bind_groups: Vec<wgpu::BindGroup> = uniforms
+            .iter()
+            .map(|(_, arena)| {
+                let entries = [
+                    wgpu::BindGroupEntry {
+                        binding: 0,
+                        resource: wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                            buffer: &self.uniforms,
+                            offset: 0,
+                            size: std::num::NonZeroU64::new(size_of::<FrameUniform>() as u64),
+                        }),
+                    },
+                    entry(1, &arena.vertices),
+                    entry(2, &arena.indices),
+                    entry(3, &arena.colours),
+                ];
+                device.create_bind_group(&wgpu::BindGroupDescriptor {
+                    label: Some("geometry"),
+                    layout: &self.geometry_layout,
+                    entries: &entries,
+                })
+            })
+            .collect();
+        let offset = |i: usize| [(i as u64 * UNIFORM_STRIDE) as u32];
+
+        let mut encoder = device.create_command_encoder(&Default::default());
+        let identity_view = targets.identity.create_view(&Default::default());
+        let depth_view = targets.depth.create_view(&Default::default());
+        {
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("surface"),
+                color_attachments: &[attachment(&identity_view, wgpu::Color::TRANSPARENT)],
+                depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                    view: &depth_view,
+                    depth_ops: Some(wgpu::Operations {
+                        load: wgpu::LoadOp::Clear(0.0),
+                        store: wgpu::StoreOp::Store,
+                    }),
+                    stencil_ops: None,
+                }),
+                ..Default::default()
+            });
+            let mut first = 0;
+            for group in ranges.chunk_by(|a, b| (a.uniform, a.cull_backs) == (b.uniform, b.cull_backs)) {
+                let Range { uniform, cull_backs, .. } = *group[0];
+                pass.set_pipeline(if cull_backs { &self.surface_culled } else { &self.surface_two_sided });
+                pass.set_bind_group(0, &bind_groups[uniform], &offset(uniform));
+                pass.multi_draw_indirect(&self.indirect, first * 16, group.len() as u32);
+                first += group.len() as u64;
+            }
+        }
+        {
+            let [r, g, b] = shot.background.to_array().map(f64::from);
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("shade"),
+                color_attachments: &[attachment(&targets.colour, wgpu::Color { r, g, b, a: 1.0 })],
+                ..Default::default()
+            });
+            let identities = targets.identity_bind_group.get_or_init(|| {
+                device.create_bind_group(&wgpu::BindGroupDescriptor {
+                    label: Some("identity"),
+                    layout: &self.identity_layout,
+                    entries: &[wgpu::BindGroupEntry {
+                        binding: 0,
+                        resource: wgpu::BindingResource::TextureView(&identity_view),
+                    }],
+                })
+            });
+            pass.set_pipeline(&self.shade);
+            pass.set_bind_group(1, identities, &[]);
+            for (i, bind_group) in bind_groups.iter().enumerate() {
+                pass.set_bind_group(0, bind_group, &offset(i));
+                pass.draw(0..3, 0..1);
+            }
+        }
+        gpu.queue.submit([encoder.finish()]);
+    }
+}
+
+fn entry(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
+    wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
+}
+
+fn attachment(view: &wgpu::TextureView, clear: wgpu::Color) -> Option<wgpu::RenderPassColorAttachment<'_>> {
+    Some(wgpu::RenderPassColorAttachment {
+        view,
+        depth_slice: None,
+        resolve_target: None,
+        ops: wgpu::Operations { load: wgpu::LoadOp::Clear(clear), store: wgpu::StoreOp::Store },
+    })
+}
+
+fn buffer(gpu: &Gpu, label: &'static str, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+    gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some(label),
+        size,
+        usage: usage | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    })
+}
+
+/// Writes to the start of a buffer, replacing it by a larger one where it is too small.
+fn write_growing(gpu: &Gpu, target: &mut wgpu::Buffer, bytes: &[u8]) {
+    if bytes.is_empty() {
+        return;
+    }
+    if target.size() < bytes.len() as u64 {
+        *target = buffer(gpu, "grown", (bytes.len() as u64).next_power_of_two(), target.usage());
+    }
+    gpu.queue.write_buffer(target, 0, bytes);
+}

@@ -1,0 +1,113 @@
+//! Where a ray meets the scan: on the leaves, never on the level that is shown.
+
+use std::path::Path;
+
+use glam::DVec3;
+use hlod_compress::{HlodFile, NodeRecord, RepresentationKind, decode_mesh};
+
+use crate::error::RenderError;
+
+/// A point on the scan's surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hit {
+    /// World space.
+    pub position: DVec3,
+    /// Distance from the ray's origin in units of its direction's length.
+    pub distance: f64,
+}
+
+/// The first point of the leaves' triangles on the ray from `origin` along `direction`, both in
+/// source coordinates; `None` where it meets nothing. Reads the leaves that the ray passes, and
+/// waits for them.
+///
+/// # Errors
+/// When the file cannot be read or is damaged.
+pub fn first_hit(path: &Path, origin: DVec3, direction: DVec3) -> Result<Option<Hit>, RenderError> {
+    let format = RenderError::format(path);
+    let file = HlodFile::open(path).map_err(&format)?;
+    let lattice = file.header().lattice;
+    let place = |p: [i32; 3]| DVec3::from_array(lattice.position(p));
+
+    // Leaves in the order in which the ray enters their bounds.
+    let nodes = file.read_skeleton().map_err(&format)?;
+    let mut entered: Vec<(f64, &NodeRecord)> = nodes
+        .iter()
+        .filter(|n| n.is_leaf())
+        .filter_map(|n| {
+            let enter = enter_box(origin, direction, place(n.bounds[0]), place(n.bounds[1]))?;
+            Some((enter, n))
+        })
+        .collect();
+    entered.sort_by(|a, b| a.0.total_cmp(&b.0));
+
+    let mut best: Option<f64> = None;
+    for (enter, node) in entered {
+        if best.is_some_and(|t| t <= enter) {
+            break;
+        }
+        let Some(representation) = node.representation(RepresentationKind::Source) else { continue };
+        let page = file.read_page(representation.page).map_err(&format)?;
+        let mesh = decode_mesh(&page).map_err(&format)?;
+        for t in &mesh.triangles {
+            let corners = t.map(|v| place(mesh.positions[v as usize]));
+            if let Some(t) = hit_triangle(origin, direction, corners) {
+                best = Some(best.map_or(t, |b| b.min(t)));
+            }
+        }
+    }
+    Ok(best.map(|distance| Hit { position: origin + direction * distance, distance }))
+}
+
+/// Where the ray enters a box, at least 0.
+fn enter_box(origin: DVec3, direction: DVec3, min: DVec3, max: DVec3) -> Option<f64> {
+    let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
+    for axis in 0..3 {
+        let (a, b) = (min[axis] - origin[axis], max[axis] - origin[axis]);
+        if direction[axis] == 0.0 {
+            if a > 0.0 || b < 0.0 {
+                return None;
+            }
+            continue;
+        }
+        let (a, b) = (a / direction[axis], b / direction[axis]);
+        enter = enter.max(a.min(b));
+        leave = leave.min(a.max(b));
+    }
+    // Flat boxes and rounding: a relative hair's breadth.
+    (enter <= leave * (1.0 + 1e-12)).then_some(enter)
+}
+
+/// Möller & Trumbore 1997, both sides.
+fn hit_triangle(origin: DVec3, direction: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
+    let (ab, ac) = (b - a, c - a);
+    let p = direction.cross(ac);
+    let determinant = ab.dot(p);
+    if determinant == 0.0 {
+        return None;
+    }
+    let s = (origin - a) / determinant;
+    let u = s.dot(p);
+    let q = s.cross(ab);
+    let v = direction.dot(q);
+    let t = ac.dot(q);
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= 0.0).then_some(t)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rays_meet_triangles_and_boxes_where_they_should() {
+        let t = [DVec3::ZERO, DVec3::X * 2.0, DVec3::Y * 2.0];
+        let down = |x, y| hit_triangle(DVec3::new(x, y, 3.0), -DVec3::Z, t);
+        assert_eq!(down(0.5, 0.5), Some(3.0));
+        assert_eq!(down(1.5, 1.5), None);
+        assert_eq!(hit_triangle(DVec3::new(0.5, 0.5, -1.0), -DVec3::Z, t), None);
+        let inside = |o: DVec3, d| enter_box(o, d, DVec3::ZERO, DVec3::ONE);
+        assert_eq!(inside(DVec3::new(0.5, 0.5, 3.0), -DVec3::Z), Some(2.0));
+        assert_eq!(inside(DVec3::splat(0.5), DVec3::X), Some(0.0));
+        assert_eq!(inside(DVec3::new(2.0, 0.5, 0.5), DVec3::X), None);
+        assert_eq!(inside(DVec3::new(2.0, 0.5, 0.5), DVec3::Y), None);
+    }
+}

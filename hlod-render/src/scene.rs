@@ -1,0 +1,102 @@
+//! What is lit how, and seen from where.
+
+use glam::{DVec3, Vec3};
+use hlod_compress::RepresentationKind;
+
+use crate::camera::Camera;
+
+/// Where light comes from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Light {
+    /// Parallel light; the direction towards its source, world space.
+    Directional(DVec3),
+    /// A point in world space. Its strength does not fall off with distance.
+    Point(DVec3),
+}
+
+/// How surfaces look.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Material {
+    /// Linear light; used where the model has no colours.
+    pub albedo: Vec3,
+    /// Strength of the highlight.
+    pub highlight: f32,
+    /// Share of the light that comes from everywhere.
+    pub ambient: f32,
+}
+
+impl Default for Material {
+    /// Light stone.
+    fn default() -> Self {
+        Material { albedo: Vec3::new(0.72, 0.69, 0.63), highlight: 0.06, ambient: 0.12 }
+    }
+}
+
+/// Which hierarchy is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Representation {
+    /// What the file holds for receivers.
+    #[default]
+    Hybrid,
+    /// The same without points.
+    Triangles,
+    /// Simplified by shape alone.
+    Geometric,
+    /// The scan's own geometry, whatever the distance: the reference.
+    Full,
+}
+
+impl Representation {
+    /// Which pages are drawn. `Full` differs by its threshold of 0, which asks for the leaves; the
+    /// appearance hierarchy stands in while they are loading.
+    pub fn kind(self) -> RepresentationKind {
+        match self {
+            Representation::Geometric => RepresentationKind::Geometric,
+            _ => RepresentationKind::Appearance,
+        }
+    }
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Representation::Hybrid => "hybrid",
+            Representation::Triangles => "triangles",
+            Representation::Geometric => "geometric",
+            Representation::Full => "full",
+        }
+    }
+}
+
+/// Everything one picture depends on besides the models.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shot {
+    /// From where.
+    pub camera: Camera,
+    /// Light.
+    pub light: Light,
+    /// Looks.
+    pub material: Material,
+    /// Linear light of the background.
+    pub background: Vec3,
+    /// Which hierarchy.
+    pub representation: Representation,
+    /// τ in pixels.
+    pub error_threshold_px: f64,
+    /// Draws backs even where they can never be seen, so that cracks show (audits).
+    pub draw_backs: bool,
+    /// Paints backs magenta, and draws them everywhere.
+    pub backs_magenta: bool,
+}
+
+/// Parallel light by its azimuth and elevation in degrees relative to a picture: 0, 0 comes from
+/// the eye, positive from the right and from above.
+pub fn light_from_angles(camera: &Camera, azimuth_deg: f64, elevation_deg: f64) -> Light {
+    let [right, up, back] = camera.axes();
+    let (azimuth, elevation) = (azimuth_deg.to_radians(), elevation_deg.to_radians());
+    let (sin_a, cos_a) = azimuth.sin_cos();
+    let (sin_e, cos_e) = elevation.sin_cos();
+    Light::Directional(right * (sin_a * cos_e) + up * sin_e + back * (cos_a * cos_e))
+}
+
+/// Linear light of the usual background: a neutral dark grey.
+pub const BACKGROUND: Vec3 = Vec3::splat(0.045);

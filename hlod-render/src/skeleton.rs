@@ -1,0 +1,142 @@
+//! The octree as far as it is loaded.
+
+use glam::DVec3;
+use hlod_compress::{
+    BlockRef, Children, Lattice, NodeRecord, PageRef, RepresentationKind, SkeletonBlock,
+};
+
+/// A node, in model space (source coordinates relative to the root cube's centre).
+#[derive(Debug, Clone)]
+pub struct Node {
+    /// Depth; 0 is the root.
+    pub depth: u8,
+    /// Lowest corner of its geometry.
+    pub min: DVec3,
+    /// Highest corner.
+    pub max: DVec3,
+    /// Axis and half angle (radians) of a cone that holds all normals, where one exists and backs
+    /// can never be seen.
+    pub cone: Option<(DVec3, f64)>,
+    /// Whether backs can never be seen from outside.
+    pub closed_oriented: bool,
+    /// The ways in which it can be drawn.
+    pub representations: Vec<NodeRepresentation>,
+    /// Its children.
+    pub children: ChildLink,
+}
+
+/// One way in which a node can be drawn.
+#[derive(Debug, Clone, Copy)]
+pub struct NodeRepresentation {
+    /// What it is for.
+    pub kind: RepresentationKind,
+    /// Its geometric error in the source's unit.
+    pub error: f64,
+    /// Triangles in its page.
+    pub triangles: u32,
+    /// Vertices in its page.
+    pub vertices: u32,
+    /// Its page.
+    pub page: PageRef,
+}
+
+/// Where a node's children are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ChildLink {
+    /// A leaf.
+    None,
+    /// Nodes with these indices.
+    Nodes {
+        /// Index of the first.
+        first: u32,
+        /// How many.
+        count: u32,
+    },
+    /// In a block that is not loaded.
+    Unloaded(BlockRef),
+}
+
+/// The nodes of one file that are known so far; node 0 is the root.
+#[derive(Debug, Clone)]
+pub struct Skeleton {
+    lattice: Lattice,
+    nodes: Vec<Node>,
+}
+
+impl Skeleton {
+    /// Begins with the root's block.
+    pub fn new(lattice: Lattice, root: &SkeletonBlock) -> Skeleton {
+        let mut skeleton = Skeleton { lattice, nodes: Vec::new() };
+        skeleton.append(root);
+        skeleton
+    }
+
+    /// All known nodes.
+    pub fn nodes(&self) -> &[Node] {
+        &self.nodes
+    }
+
+    /// Adds the block that holds the children of `parent`; a block that was added before is
+    /// ignored.
+    pub fn add_children(&mut self, parent: u32, block: &SkeletonBlock) {
+        if !matches!(self.nodes[parent as usize].children, ChildLink::Unloaded(_)) {
+            return;
+        }
+        let depth = self.nodes[parent as usize].depth + 1;
+        let count = block.nodes.iter().take(8).take_while(|n| n.cell.depth() == depth).count();
+        let first = self.append(block);
+        self.nodes[parent as usize].children = ChildLink::Nodes { first, count: count as u32 };
+    }
+
+    fn append(&mut self, block: &SkeletonBlock) -> u32 {
+        let base = self.nodes.len() as u32;
+        let nodes: Vec<Node> = block.nodes.iter().map(|n| self.node(n, base)).collect();
+        self.nodes.extend(nodes);
+        base
+    }
+
+    fn node(&self, record: &NodeRecord, base: u32) -> Node {
+        let half = f64::from(self.lattice.root_units) / 2.0;
+        let place = |p: [i32; 3]| {
+            DVec3::from_array(p.map(|c| (f64::from(c) - half) * self.lattice.step))
+        };
+        let cone = (record.flags.closed_oriented && record.cone.cosine > 0.0).then(|| {
+            let axis = DVec3::from_array(record.cone.axis.decode().map(f64::from)).normalize();
+            (axis, f64::from(record.cone.cosine).acos())
+        });
+        Node {
+            depth: record.cell.depth(),
+            min: place(record.bounds[0]),
+            max: place(record.bounds[1]),
+            cone,
+            closed_oriented: record.flags.closed_oriented,
+            representations: record
+                .representations
+                .iter()
+                .map(|r| NodeRepresentation {
+                    kind: r.kind,
+                    error: f64::from(r.errors.geometric),
+                    triangles: r.triangles,
+                    vertices: r.vertices,
+                    page: r.page,
+                })
+                .collect(),
+            children: match record.children {
+                Children::None => ChildLink::None,
+                Children::Here(first) => ChildLink::Nodes {
+                    first: base + first,
+                    count: record.child_mask.count_ones(),
+                },
+                Children::Block(block) => ChildLink::Unloaded(block),
+            },
+        }
+    }
+}
+
+impl Node {
+    /// Index of the representation for `kind`: a leaf's source geometry serves every kind.
+    pub fn representation(&self, kind: RepresentationKind) -> Option<usize> {
+        let of = |kind| self.representations.iter().position(|r| r.kind == kind);
+        of(kind).or_else(|| of(RepresentationKind::Source))
+    }
+}

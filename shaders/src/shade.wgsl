@@ -1,0 +1,97 @@
+// Shading of the visible surface, once a pixel: the triangle is looked up by its identity and
+// its vertices are interpolated at the pixel's centre (Burns & Hunt, The Visibility Buffer,
+// JCGT 2013).
+
+@group(0) @binding(3) var<storage, read> colours: array<u32>;
+@group(1) @binding(0) var identities: texture_2d<u32>;
+
+@vertex
+fn shade_vertex(@builtin(vertex_index) corner: u32) -> @builtin(position) vec4<f32> {
+    // One triangle that covers the picture.
+    let p = vec2(f32(corner & 1u), f32(corner >> 1u));
+    return vec4(p * 4.0 - 1.0, 0.0, 1.0);
+}
+
+fn octahedral(code: u32) -> vec3<f32> {
+    let xy = vec2(f32(i32(code << 16u) >> 16u), f32(i32(code) >> 16u)) / 2047.0;
+    let z = 1.0 - abs(xy.x) - abs(xy.y);
+    let folded = (1.0 - abs(xy.yx)) * select(vec2(-1.0), vec2(1.0), xy >= vec2(0.0));
+    return normalize(vec3(select(folded, xy, z >= 0.0), z));
+}
+
+fn linear_from_srgb(c: vec3<f32>) -> vec3<f32> {
+    let high = pow((c + 0.055) / 1.055, vec3(2.4));
+    return select(high, c / 12.92, c <= vec3(0.04045));
+}
+
+fn cross2(a: vec2<f32>, b: vec2<f32>) -> f32 {
+    return a.x * b.y - a.y * b.x;
+}
+
+// Barycentric coordinates, correct in perspective, of the point seen at `pixel`.
+fn barycentric(clip: array<vec4<f32>, 3>, pixel: vec2<f32>) -> vec3<f32> {
+    let ndc = (pixel / vec2<f32>(frame.size.xy) * 2.0 - 1.0) * vec2(1.0, -1.0);
+    // Relative to the pixel first: what remains is small, and so are its rounding errors.
+    let a = clip[0].xy - ndc * clip[0].w;
+    let b = clip[1].xy - ndc * clip[1].w;
+    let c = clip[2].xy - ndc * clip[2].w;
+    let areas = vec3(cross2(b, c), cross2(c, a), cross2(a, b));
+    let sum = areas.x + areas.y + areas.z;
+    if abs(sum) < 1e-30 {
+        return vec3(1.0 / 3.0);
+    }
+    // Seen edge on, rounding can leave the triangle: stay on it.
+    let inside = max(areas / sum, vec3(0.0));
+    return inside / (inside.x + inside.y + inside.z);
+}
+
+@fragment
+fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
+    let identity = textureLoad(identities, vec2<i32>(pixel.xy), 0).x;
+    let number = (identity & ~BACK) - 1u - frame.size.z;
+    // Triangles of other arenas are shaded by their own draw.
+    if identity == 0u || number >= arrayLength(&indices) / 3u {
+        discard;
+    }
+    let back = (identity & BACK) != 0u;
+    if back && frame.shading.z > 0.5 {
+        return vec4(1.0, 0.0, 1.0, 1.0);
+    }
+
+    // Fetch and interpolate the corners.
+    var clip: array<vec4<f32>, 3>;
+    var corner: array<vec3<f32>, 3>;
+    var normal: array<vec3<f32>, 3>;
+    var colour: array<vec3<f32>, 3>;
+    for (var i = 0u; i < 3u; i++) {
+        let v = indices[3u * number + i];
+        corner[i] = position_of(v);
+        clip[i] = frame.clip_from_model * vec4(corner[i], 1.0);
+        normal[i] = octahedral(vertices[v].normal);
+        if frame.shading.y > 0.5 {
+            colour[i] = linear_from_srgb(unpack4x8unorm(colours[v]).rgb);
+        }
+    }
+    let w = barycentric(clip, pixel.xy);
+    let position = (frame.world_from_model * vec4(w.x * corner[0] + w.y * corner[1] + w.z * corner[2], 1.0)).xyz;
+    var n = normalize((frame.world_from_model * vec4(w.x * normal[0] + w.y * normal[1] + w.z * normal[2], 0.0)).xyz);
+    var albedo = frame.material.rgb;
+    if frame.shading.y > 0.5 {
+        albedo = w.x * colour[0] + w.y * colour[1] + w.z * colour[2];
+    }
+
+    // Open surfaces have two sides: the one that is seen faces the eye.
+    let to_eye = normalize(select(frame.eye.xyz, frame.eye.xyz - position, frame.eye.w > 0.5));
+    if back && frame.shading.w > 0.5 {
+        n = -n;
+    }
+
+    // Lambert, a little specular (Blinn 1977), and ambient light that comes from above the eye's
+    // side so that shadowed parts keep their shape.
+    let to_light = normalize(select(frame.light.xyz, frame.light.xyz - position, frame.light.w > 0.5));
+    let diffuse = max(dot(n, to_light), 0.0);
+    let half_way = normalize(to_light + to_eye);
+    let highlight = frame.material.a * pow(max(dot(n, half_way), 0.0), 24.0) * diffuse;
+    let ambient = frame.shading.x * (0.6 + 0.4 * dot(n, to_eye));
+    return vec4(albedo * (ambient + (1.0 - frame.shading.x) * diffuse) + highlight, 1.0);
+}
