@@ -159,6 +159,7 @@ fn budget(cell: CellKey, lattice: &Lattice, resolution: u32, source_error: f64) 
     // The largest step ≤ ε/8, and no larger than what still contains the cell's faces.
     let grid_shift = (whole / 8.0).log2().floor().max(0.0) as u8;
     Budget {
+        whole,
         distance: (whole - source_error).max(0.25 * whole),
         grid_shift: grid_shift.min(lattice.depth_max - cell.depth()),
         cell_min: lattice.cell_min(cell),
@@ -225,7 +226,9 @@ fn encode_inner(
     let Simplified { mesh, distance, normal_deviation_deg } = simplified;
     // Corners on the cell's faces stay on the finest grid they came from.
     let page = encode_mesh(&mesh, grid_of(&mesh, budget.grid_shift))?;
-    let error = source_error + distance;
+    // An error far below the budget selects nothing differently, but checking it by samples at a
+    // quarter of it would take for ever.
+    let error = (source_error + distance).max(budget.whole / 8.0);
     let errors = Errors {
         geometric: round_up(error * lattice.step),
         geometric_status: BoundStatus::Measured,

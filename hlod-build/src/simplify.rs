@@ -17,6 +17,8 @@ use crate::hausdorff::{Foot, Surface, feet, one_sided_bound};
 /// What a node may lose. Lengths in lattice steps.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Budget {
+    /// The cell's edge divided by the resolution.
+    pub(crate) whole: f64,
     /// Largest two-sided distance to the source that is aimed at.
     pub(crate) distance: f64,
     /// Positions are rounded to multiples of `2^grid_shift`.

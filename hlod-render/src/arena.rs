@@ -31,7 +31,12 @@ const COLOUR_BYTES: u64 = 4;
 
 impl ArenaSize {
     /// For a model of so many vertices and triangles in all, within what one binding may hold.
-    pub(crate) fn for_model(gpu: &Gpu, vertices: u64, triangles: u64, has_colours: bool) -> ArenaSize {
+    pub(crate) fn for_model(
+        gpu: &Gpu,
+        vertices: u64,
+        triangles: u64,
+        has_colours: bool,
+    ) -> ArenaSize {
         let binding = gpu.device.limits().max_storage_buffer_binding_size.min(128 << 20);
         // Half again for ranges that do not fit exactly.
         let fit = |count: u64, bytes: u64| (count + count / 2 + 1024).min(binding / bytes) as u32;
@@ -44,7 +49,8 @@ impl ArenaSize {
 
     pub(crate) fn bytes(&self) -> u64 {
         let colours = if self.has_colours { COLOUR_BYTES } else { 0 };
-        u64::from(self.vertices) * (VERTEX_BYTES + colours) + u64::from(self.triangles) * TRIANGLE_BYTES
+        u64::from(self.vertices) * (VERTEX_BYTES + colours)
+            + u64::from(self.triangles) * TRIANGLE_BYTES
     }
 }
 
@@ -88,7 +94,8 @@ impl Arena {
     pub(crate) fn insert(&mut self, gpu: &Gpu, mesh: &GpuMesh, arena: usize) -> Option<Slot> {
         let triangle_count = (mesh.indices.len() / 3) as u32;
         // The allocator does not hand out empty ranges.
-        let vertices = self.free_vertices.allocate_range((mesh.vertices.len() as u32).max(1)).ok()?;
+        let vertices =
+            self.free_vertices.allocate_range((mesh.vertices.len() as u32).max(1)).ok()?;
         let Ok(triangles) = self.free_triangles.allocate_range(triangle_count.max(1)) else {
             self.free_vertices.free_range(vertices);
             return None;
@@ -96,7 +103,11 @@ impl Arena {
         let indices: Vec<u32> = mesh.indices.iter().map(|i| i + vertices.start).collect();
         let at = |start: u32, bytes: u64| u64::from(start) * bytes;
         let write = |buffer, offset, bytes: &[u8]| gpu.queue.write_buffer(buffer, offset, bytes);
-        write(&self.vertices, at(vertices.start, VERTEX_BYTES), bytemuck::cast_slice(&mesh.vertices));
+        write(
+            &self.vertices,
+            at(vertices.start, VERTEX_BYTES),
+            bytemuck::cast_slice(&mesh.vertices),
+        );
         write(&self.indices, at(triangles.start, TRIANGLE_BYTES), bytemuck::cast_slice(&indices));
         if !mesh.colours.is_empty() {
             let colours = bytemuck::cast_slice(&mesh.colours);

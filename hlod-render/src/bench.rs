@@ -163,7 +163,8 @@ pub fn bench(
         gpu.wait()?;
         times.push(start.elapsed().as_secs_f64() * 1e3);
 
-        report.primitives_mean += (stats.triangles + stats.points) as f64 / f64::from(options.frames);
+        report.primitives_mean +=
+            (stats.triangles + stats.points) as f64 / f64::from(options.frames);
         report.tau_ratio_mean += stats.tau_ratio / f64::from(options.frames);
         report.frames_over_tau += u32::from(stats.tau_ratio_max > 1.0);
         // A front that wants something and draws nothing leaves the picture empty.
@@ -228,7 +229,12 @@ impl BenchReport {
         let caption = format!(
             "{} · {} · {} · τ = {} px · {}×{} · {}",
             self.file.file_name().unwrap_or_default().to_string_lossy(),
-            self.path, self.representation, self.tau_px, self.width, self.height, self.adapter
+            self.path,
+            self.representation,
+            self.tau_px,
+            self.width,
+            self.height,
+            self.adapter
         );
         let mut chart = ChartBuilder::on(&area)
             .caption(caption, ("sans-serif", 14))
@@ -236,7 +242,12 @@ impl BenchReport {
             .x_label_area_size(36)
             .y_label_area_size(52)
             .build_cartesian_2d(0.0..f64::from(self.frames.max(1)), 0.0..top)?;
-        chart.configure_mesh().x_desc("frame").y_desc("milliseconds").light_line_style(WHITE).draw()?;
+        chart
+            .configure_mesh()
+            .x_desc("frame")
+            .y_desc("milliseconds")
+            .light_line_style(WHITE)
+            .draw()?;
         let points = self.frame_times_ms.iter().enumerate().map(|(i, &ms)| (i as f64, ms));
         chart.draw_series(LineSeries::new(points, &BLUE))?;
         let median = [(0.0, self.frame_ms.p50), (f64::from(self.frames), self.frame_ms.p50)];

@@ -36,7 +36,8 @@ impl Camera {
     /// Unit vectors right, up and backwards in world space.
     pub fn axes(&self) -> [DVec3; 3] {
         let back = (self.eye - self.target).normalize_or(DVec3::Z);
-        let right = self.up.cross(back).try_normalize().unwrap_or_else(|| back.any_orthonormal_vector());
+        let right =
+            self.up.cross(back).try_normalize().unwrap_or_else(|| back.any_orthonormal_vector());
         [right, back.cross(right), back]
     }
 
@@ -97,7 +98,13 @@ mod tests {
     use super::*;
 
     fn camera(projection: Projection) -> Camera {
-        Camera { eye: DVec3::new(3.0, 0.0, 0.0), target: DVec3::ZERO, up: DVec3::Y, projection, near: 0.1 }
+        Camera {
+            eye: DVec3::new(3.0, 0.0, 0.0),
+            target: DVec3::ZERO,
+            up: DVec3::Y,
+            projection,
+            near: 0.1,
+        }
     }
 
     #[test]

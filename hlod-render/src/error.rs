@@ -46,8 +46,13 @@ pub enum RenderError {
         source: image::ImageError,
     },
     /// There is nothing to draw with.
-    #[error("no graphics adapter: {0}; on Debian and Ubuntu `apt install mesa-vulkan-drivers libvulkan1` provides a software one")]
+    #[error(
+        "no graphics adapter: {0}; on Debian and Ubuntu `apt install mesa-vulkan-drivers libvulkan1` provides a software one"
+    )]
     NoAdapter(String),
+    /// There is nothing to show it in.
+    #[error("cannot open a window: {0}")]
+    Window(String),
     /// The adapter cannot do what was asked for.
     #[error("{adapter}: {why}")]
     Gpu {
@@ -78,7 +83,10 @@ impl RenderError {
         move |source| RenderError::Format { path: path.clone(), source }
     }
 
-    pub(crate) fn io(path: &Path, what: &'static str) -> impl FnOnce(std::io::Error) -> RenderError {
+    pub(crate) fn io(
+        path: &Path,
+        what: &'static str,
+    ) -> impl FnOnce(std::io::Error) -> RenderError {
         let path = path.to_owned();
         move |source| RenderError::Io { path, what, source }
     }

@@ -77,7 +77,14 @@ impl Renderer {
         }
     }
 
-    fn draw(&mut self, gpu: &Gpu, models: &[Model], fronts: &[Front], shot: &Shot, targets: &Targets) {
+    fn draw(
+        &mut self,
+        gpu: &Gpu,
+        models: &[Model],
+        fronts: &[Front],
+        shot: &Shot,
+        targets: &Targets,
+    ) {
         let mut ranges = Vec::new();
         let mut uniforms = Vec::new();
         let mut first_identity = 0;
@@ -92,8 +99,13 @@ impl Renderer {
                     let Some(slot) = model.slot(draw.node, draw.representation) else { continue };
                     if slot.arena == arena {
                         let node = &model.skeleton().nodes()[draw.node as usize];
-                        let cull_backs = node.closed_oriented && !shot.draw_backs && !shot.backs_magenta;
-                        ranges.push(Range { uniform: index, triangles: slot.triangles.clone(), cull_backs });
+                        let cull_backs =
+                            node.closed_oriented && !shot.draw_backs && !shot.backs_magenta;
+                        ranges.push(Range {
+                            uniform: index,
+                            triangles: slot.triangles.clone(),
+                            cull_backs,
+                        });
                     }
                 }
                 first_identity += model.arena_size().triangles;
@@ -171,12 +183,7 @@ pub(crate) fn uniform(
         eye,
         light,
         material: shot.material.albedo.extend(shot.material.highlight),
-        shading: Vec4::new(
-            shot.material.ambient,
-            flag(has_colours),
-            flag(shot.backs_magenta),
-            1.0,
-        ),
+        shading: Vec4::new(shot.material.ambient, flag(has_colours), flag(shot.backs_magenta), 1.0),
         size: [width, height, first_identity, 0],
     }
 }

@@ -90,7 +90,8 @@ impl Framing {
                 if i >> axis & 1 == 1 { bounds.1[axis] } else { bounds.0[axis] }
             };
             let corner = DVec3::new(pick(0), pick(1), pick(2)) - self.centre;
-            let needed = (corner.dot(up).abs() / tangent).max(corner.dot(right).abs() / (tangent * aspect));
+            let needed =
+                (corner.dot(up).abs() / tangent).max(corner.dot(right).abs() / (tangent * aspect));
             distance = distance.max(needed * 1.04 + corner.dot(back));
         }
         camera.eye = self.centre + back * distance;

@@ -24,6 +24,8 @@ pub mod picture;
 pub mod scene;
 pub mod select;
 pub mod skeleton;
+#[cfg(feature = "viewer")]
+pub mod viewer;
 
 pub use error::RenderError;
 pub use gpu::{AdapterChoice, Gpu};

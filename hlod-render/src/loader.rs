@@ -11,7 +11,9 @@ use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 use bytemuck::{Pod, Zeroable};
-use hlod_compress::{BlockRef, FormatError, HlodFile, Lattice, PageRef, SkeletonBlock, decode_mesh};
+use hlod_compress::{
+    BlockRef, FormatError, HlodFile, Lattice, PageRef, SkeletonBlock, decode_mesh,
+};
 
 /// What a request is for, as its submitter knows it.
 pub type Ticket = u64;
@@ -150,7 +152,11 @@ impl FileLoader {
     ///
     /// # Errors
     /// When it is not an `.hlod` file.
-    pub fn open(path: &Path, threads: usize, bytes_per_sec: Option<f64>) -> Result<(FileLoader, hlod_compress::Header), FormatError> {
+    pub fn open(
+        path: &Path,
+        threads: usize,
+        bytes_per_sec: Option<f64>,
+    ) -> Result<(FileLoader, hlod_compress::Header), FormatError> {
         let file = HlodFile::open(path)?;
         let header = file.header().clone();
         let bandwidth =

@@ -27,7 +27,11 @@ pub struct ModelLimits {
 impl Default for ModelLimits {
     /// 1 GiB on the GPU, 8 MiB a frame, reading as fast as the disk.
     fn default() -> Self {
-        ModelLimits { gpu_bytes: 1 << 30, upload_bytes_per_frame: 8 << 20, read_bytes_per_sec: None }
+        ModelLimits {
+            gpu_bytes: 1 << 30,
+            upload_bytes_per_frame: 8 << 20,
+            read_bytes_per_sec: None,
+        }
     }
 }
 
@@ -73,11 +77,14 @@ impl Model {
 
         // Arenas are no larger than the whole model needs.
         let nodes = skeleton.nodes().iter();
-        let known: (u64, u64) = nodes.flat_map(|n| &n.representations).fold((0, 0), |sum, r| {
-            (sum.0 + u64::from(r.vertices), sum.1 + u64::from(r.triangles))
-        });
-        let (vertices, triangles) =
-            if header.nodes as usize > skeleton.nodes().len() { (u64::MAX / 4, u64::MAX / 4) } else { known };
+        let known: (u64, u64) = nodes
+            .flat_map(|n| &n.representations)
+            .fold((0, 0), |sum, r| (sum.0 + u64::from(r.vertices), sum.1 + u64::from(r.triangles)));
+        let (vertices, triangles) = if header.nodes as usize > skeleton.nodes().len() {
+            (u64::MAX / 4, u64::MAX / 4)
+        } else {
+            known
+        };
         let arena_size = ArenaSize::for_model(gpu, vertices, triangles, header.has_colours());
 
         let mut model = Model {
@@ -101,7 +108,9 @@ impl Model {
             let part = crate::loader::Part::Page(representation.page);
             let bytes = file.read_page(representation.page).map_err(&format)?;
             model.bytes_read += bytes.len() as u64;
-            if let Loaded::Mesh(mesh) = decode(&part, &bytes, &model.header.lattice).map_err(&format)? {
+            if let Loaded::Mesh(mesh) =
+                decode(&part, &bytes, &model.header.lattice).map_err(&format)?
+            {
                 model.upload(gpu, (0, i), &mesh)?;
             }
         }

@@ -82,7 +82,8 @@ impl CameraPath {
             return Err(malformed(format!("{bytes} bytes are too many for a camera path")));
         }
         let text = std::fs::read_to_string(path).map_err(RenderError::io(path, "read"))?;
-        let parsed: CameraPath = serde_json::from_str(&text).map_err(|e| malformed(e.to_string()))?;
+        let parsed: CameraPath =
+            serde_json::from_str(&text).map_err(|e| malformed(e.to_string()))?;
         parsed.validate().map_err(malformed)?;
         Ok(parsed)
     }
@@ -99,9 +100,17 @@ impl CameraPath {
             return Err("a path needs at least two keys".into());
         }
         let finite = |k: &Key| {
-            k.eye.iter().chain(&k.target).chain([&k.at_secs, &k.eye_anchored, &k.target_anchored]).all(|v| v.is_finite())
+            k.eye
+                .iter()
+                .chain(&k.target)
+                .chain([&k.at_secs, &k.eye_anchored, &k.target_anchored])
+                .all(|v| v.is_finite())
         };
-        if let Some(i) = self.keys.iter().position(|k| !finite(k) || k.eye == k.target && k.eye_anchored == k.target_anchored) {
+        if let Some(i) = self
+            .keys
+            .iter()
+            .position(|k| !finite(k) || k.eye == k.target && k.eye_anchored == k.target_anchored)
+        {
             return Err(format!("key {i} is no view"));
         }
         if let Some(i) = self.keys.windows(2).position(|w| w[0].at_secs >= w[1].at_secs) {
@@ -118,7 +127,9 @@ impl CameraPath {
         if anchored && self.anchor.is_none() {
             return Err("keys are anchored, but there is no anchor".into());
         }
-        if let Some(ray) = self.anchor.filter(|r| r.from == r.towards || r.from.iter().chain(&r.towards).any(|v| !v.is_finite())) {
+        if let Some(ray) = self.anchor.filter(|r| {
+            r.from == r.towards || r.from.iter().chain(&r.towards).any(|v| !v.is_finite())
+        }) {
             return Err(format!("the anchor's ray has no direction: {ray:?}"));
         }
         let unit = Framing::new((DVec3::splat(-0.5), DVec3::splat(0.5)), DVec3::Y, DVec3::Z);
@@ -141,7 +152,11 @@ impl CameraPath {
                 let (from, towards) = (framing.point(ray.from), framing.point(ray.towards));
                 let hit = first_hit(file, from, towards - from)?;
                 let hit = hit.ok_or_else(|| {
-                    RenderError::Usage(format!("path {}: its anchor's ray misses {}", self.name, file.display()))
+                    RenderError::Usage(format!(
+                        "path {}: its anchor's ray misses {}",
+                        self.name,
+                        file.display()
+                    ))
                 })?;
                 hit.position
             }
@@ -150,9 +165,8 @@ impl CameraPath {
     }
 
     fn place_at(&self, framing: Framing, anchor: DVec3) -> PlacedPath {
-        let place = |p: [f64; 3], anchored: f64| {
-            framing.centre.lerp(anchor, anchored) + framing.vector(p)
-        };
+        let place =
+            |p: [f64; 3], anchored: f64| framing.centre.lerp(anchor, anchored) + framing.vector(p);
         let times = self.keys.iter().map(|k| k.at_secs).collect();
         let eyes = self.keys.iter().map(|k| place(k.eye, k.eye_anchored)).collect();
         let targets = self.keys.iter().map(|k| place(k.target, k.target_anchored)).collect();

@@ -45,7 +45,9 @@ pub fn first_hit(path: &Path, origin: DVec3, direction: DVec3) -> Result<Option<
         if best.is_some_and(|t| t <= enter) {
             break;
         }
-        let Some(representation) = node.representation(RepresentationKind::Source) else { continue };
+        let Some(representation) = node.representation(RepresentationKind::Source) else {
+            continue;
+        };
         let page = file.read_page(representation.page).map_err(&format)?;
         let mesh = decode_mesh(&page).map_err(&format)?;
         for t in &mesh.triangles {

@@ -50,7 +50,9 @@ impl View {
         };
         View {
             view_from_model: camera.view_from_world() * world_from_model,
-            clip_from_model: camera.clip_from_view(aspect) * camera.view_from_world() * world_from_model,
+            clip_from_model: camera.clip_from_view(aspect)
+                * camera.view_from_world()
+                * world_from_model,
             eye,
             perspective,
             pixels: f64::from(height) / (2.0 * half_extent.y),
@@ -87,7 +89,8 @@ impl View {
             (-self.eye, 0.0)
         };
         // 1e-6 covers the rounding of the cone's axis and of the triangles' transform.
-        axis.dot(away).clamp(-1.0, 1.0).acos() + half_angle + spread < std::f64::consts::FRAC_PI_2 - 1e-6
+        axis.dot(away).clamp(-1.0, 1.0).acos() + half_angle + spread
+            < std::f64::consts::FRAC_PI_2 - 1e-6
     }
 
     /// ρ: an upper bound of the pixels that a length of `error` (model units) covers anywhere in
@@ -194,7 +197,10 @@ pub fn select(
     if !skeleton.nodes().is_empty() {
         search.visit(0);
     }
-    search.front.wanted.sort_by(|a, b| b.urgency.total_cmp(&a.urgency).then(a.ticket.cmp(&b.ticket)));
+    search
+        .front
+        .wanted
+        .sort_by(|a, b| b.urgency.total_cmp(&a.urgency).then(a.ticket.cmp(&b.ticket)));
     search.front
 }
 
@@ -267,7 +273,8 @@ impl Search<'_> {
     }
 
     fn want_page(&mut self, draw: &Draw) {
-        let page = self.skeleton.nodes()[draw.node as usize].representations[draw.representation].page;
+        let page =
+            self.skeleton.nodes()[draw.node as usize].representations[draw.representation].page;
         self.front.wanted.push(Wanted {
             ticket: page_ticket(draw.node, draw.representation),
             part: Part::Page(page),

@@ -97,9 +97,8 @@ impl Skeleton {
 
     fn node(&self, record: &NodeRecord, base: u32) -> Node {
         let half = f64::from(self.lattice.root_units) / 2.0;
-        let place = |p: [i32; 3]| {
-            DVec3::from_array(p.map(|c| (f64::from(c) - half) * self.lattice.step))
-        };
+        let place =
+            |p: [i32; 3]| DVec3::from_array(p.map(|c| (f64::from(c) - half) * self.lattice.step));
         let cone = (record.flags.closed_oriented && record.cone.cosine > 0.0).then(|| {
             let axis = DVec3::from_array(record.cone.axis.decode().map(f64::from)).normalize();
             (axis, f64::from(record.cone.cosine).acos())
@@ -123,10 +122,9 @@ impl Skeleton {
                 .collect(),
             children: match record.children {
                 Children::None => ChildLink::None,
-                Children::Here(first) => ChildLink::Nodes {
-                    first: base + first,
-                    count: record.child_mask.count_ones(),
-                },
+                Children::Here(first) => {
+                    ChildLink::Nodes { first: base + first, count: record.child_mask.count_ones() }
+                }
                 Children::Block(block) => ChildLink::Unloaded(block),
             },
         }

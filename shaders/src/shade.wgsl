@@ -7,7 +7,8 @@
 
 @vertex
 fn shade_vertex(@builtin(vertex_index) corner: u32) -> @builtin(position) vec4<f32> {
-    // One triangle that covers the picture.
+    // One triangle that covers the picture, at infinity: the depth test passes where something
+    // was drawn.
     let p = vec2(f32(corner & 1u), f32(corner >> 1u));
     return vec4(p * 4.0 - 1.0, 0.0, 1.0);
 }

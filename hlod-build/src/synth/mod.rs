@@ -5,7 +5,7 @@
 //! `shape` and marks of `relief` on a tape, `field`, that evaluates eight points at a time,
 //! `lanes`, `noise`) → a grid step (`estimate`) → samples near the surface (`grid`) →
 //! vertices and triangles (`polygonise`, `clean`, `cells`, `dual`) → a PLY file (`ply_writer`).
-//! [`describe`] tells what is known about the statue without making it.
+//! [`describe()`] tells what is known about the statue without making it.
 //!
 //! The same options give the same bytes on every machine and with any number of threads.
 

@@ -1,79 +1,145 @@
-//! Distances to triangles, by a library's hierarchy and a method of its own.
+//! Distances to triangles, by a uniform grid and a formula of their own.
+//!
+//! The builder uses a bounding-volume hierarchy and Ericson's regions; here nothing is shared with
+//! it, so that a mistake there cannot hide itself here.
 
-use bvh::aabb::{Aabb, Bounded};
-use bvh::bounding_hierarchy::BHShape;
-use bvh::bvh::Bvh;
-use bvh::point_query::PointDistance;
-use nalgebra::{Point3, Vector3};
+use std::collections::HashMap;
+
+use glam::DVec3;
 
 /// Triangles to which distances can be asked for.
 pub(super) struct Target {
-    triangles: Vec<Triangle>,
-    bvh: Bvh<f64, 3>,
+    triangles: Vec<[DVec3; 3]>,
+    /// Their bounds.
+    boxes: Vec<(DVec3, DVec3)>,
+    low: DVec3,
+    /// Edge of a grid cell.
+    size: f64,
+    /// Cells along the longest extent: no search goes farther beyond the grid than to reach it.
+    cells: i64,
+    /// Where each occupied cell's triangles lie in `entries`.
+    ranges: HashMap<[i32; 3], (u32, u32)>,
+    entries: Vec<u32>,
 }
 
 impl Target {
     pub(super) fn new(corners: impl Iterator<Item = [[f64; 3]; 3]>) -> Target {
-        let mut triangles: Vec<Triangle> =
-            corners.map(|t| Triangle { corners: t.map(Point3::from), node: 0 }).collect();
-        let bvh = Bvh::build(&mut triangles);
-        Target { triangles, bvh }
+        let triangles: Vec<[DVec3; 3]> = corners.map(|t| t.map(DVec3::from_array)).collect();
+        let bounds = |t: &[DVec3; 3]| (t[0].min(t[1]).min(t[2]), t[0].max(t[1]).max(t[2]));
+        let (mut low, mut high, mut sum) = (DVec3::INFINITY, DVec3::NEG_INFINITY, 0.0);
+        for triangle in &triangles {
+            let (lo, hi) = bounds(triangle);
+            low = low.min(lo);
+            high = high.max(hi);
+            sum += (hi - lo).max_element();
+        }
+        if triangles.is_empty() {
+            (low, high) = (DVec3::ZERO, DVec3::ZERO);
+        }
+        let extent = (high - low).max_element();
+        // About a triangle's size, and never so small that a cell's number overflows.
+        let mean = sum / triangles.len().max(1) as f64;
+        let size = mean.max(extent / 1e6).max(f64::MIN_POSITIVE);
+
+        let mut pairs: Vec<([i32; 3], u32)> = Vec::new();
+        for (i, triangle) in triangles.iter().enumerate() {
+            let (lo, hi) = bounds(triangle);
+            let (a, b) = (cell(lo, low, size), cell(hi, low, size));
+            for x in a[0]..=b[0] {
+                for y in a[1]..=b[1] {
+                    pairs.extend((a[2]..=b[2]).map(|z| ([x, y, z], i as u32)));
+                }
+            }
+        }
+        pairs.sort_unstable();
+        let mut ranges = HashMap::new();
+        let mut start = 0;
+        for group in pairs.chunk_by(|a, b| a.0 == b.0) {
+            let end = start + group.len() as u32;
+            ranges.insert(group[0].0, (start, end));
+            start = end;
+        }
+        let entries = pairs.into_iter().map(|(_, triangle)| triangle).collect();
+        let boxes = triangles.iter().map(bounds).collect();
+        Target { triangles, boxes, low, size, cells: (extent / size) as i64 + 2, ranges, entries }
     }
 
     /// Distance to the nearest triangle; infinite where there is none.
     pub(super) fn distance(&self, p: [f64; 3]) -> f64 {
-        self.bvh.nearest_to(p.into(), &self.triangles).map_or(f64::INFINITY, |(_, d)| d)
-    }
-}
-
-struct Triangle {
-    corners: [Point3<f64>; 3],
-    node: usize,
-}
-
-impl Bounded<f64, 3> for Triangle {
-    fn aabb(&self) -> Aabb<f64, 3> {
-        let [a, b, c] = &self.corners;
-        Aabb::empty().grow(a).grow(b).grow(c)
-    }
-}
-
-impl BHShape<f64, 3> for Triangle {
-    fn set_bh_node_index(&mut self, index: usize) {
-        self.node = index;
-    }
-    fn bh_node_index(&self) -> usize {
-        self.node
-    }
-}
-
-impl PointDistance<f64, 3> for Triangle {
-    /// To the plane where the foot of the perpendicular lies inside all three edges, else to the
-    /// nearest edge.
-    fn distance_squared(&self, p: Point3<f64>) -> f64 {
-        let [a, b, c] = self.corners;
-        let normal = (b - a).cross(&(c - a));
-        let area2 = normal.norm_squared();
-        let inside =
-            |from: Point3<f64>, to: Point3<f64>| normal.dot(&(to - from).cross(&(p - from))) >= 0.0;
-        if area2 > 0.0 && inside(a, b) && inside(b, c) && inside(c, a) {
-            let height = normal.dot(&(p - a));
-            return height * height / area2;
+        if self.triangles.is_empty() {
+            return f64::INFINITY;
         }
-        to_segment(p, a, b).min(to_segment(p, b, c)).min(to_segment(p, c, a))
+        let p = DVec3::from_array(p);
+        let centre = cell(p, self.low, self.size);
+        // From far outside, shells begin where the grid does.
+        let outside = centre.iter().map(|&c| (-i64::from(c)).max(i64::from(c) - self.cells)).max();
+        let mut best2 = f64::INFINITY;
+        for radius in outside.unwrap_or(0).max(0) as i32.. {
+            self.shell(p, centre, radius, &mut best2);
+            // What lies beyond this shell is at least so far away.
+            let beyond = f64::from(radius) * self.size;
+            if best2 <= beyond * beyond {
+                break;
+            }
+        }
+        best2.sqrt()
+    }
+
+    /// Improves `best2` by the triangles of all cells at Chebyshev distance `radius`.
+    fn shell(&self, p: DVec3, [cx, cy, cz]: [i32; 3], radius: i32, best2: &mut f64) {
+        for x in cx - radius..=cx + radius {
+            for y in cy - radius..=cy + radius {
+                let rim = (x - cx).abs() == radius || (y - cy).abs() == radius;
+                let step = if rim { 1 } else { (2 * radius).max(1) };
+                for z in (cz - radius..=cz + radius).step_by(step as usize) {
+                    let low = self.low + DVec3::new(x.into(), y.into(), z.into()) * self.size;
+                    if box_distance2(p, low, low + self.size) >= *best2 {
+                        continue;
+                    }
+                    let Some(&(start, end)) = self.ranges.get(&[x, y, z]) else { continue };
+                    for &triangle in &self.entries[start as usize..end as usize] {
+                        let (lo, hi) = self.boxes[triangle as usize];
+                        if box_distance2(p, lo, hi) < *best2 {
+                            *best2 = best2.min(distance2(p, &self.triangles[triangle as usize]));
+                        }
+                    }
+                }
+            }
+        }
     }
 }
 
-fn to_segment(p: Point3<f64>, a: Point3<f64>, b: Point3<f64>) -> f64 {
-    let along: Vector3<f64> = b - a;
-    let length2 = along.norm_squared();
-    let t = if length2 > 0.0 { ((p - a).dot(&along) / length2).clamp(0.0, 1.0) } else { 0.0 };
-    (p - (a + along * t)).norm_squared()
+fn box_distance2(p: DVec3, low: DVec3, high: DVec3) -> f64 {
+    (low - p).max(p - high).max(DVec3::ZERO).length_squared()
+}
+
+fn cell(p: DVec3, low: DVec3, size: f64) -> [i32; 3] {
+    ((p - low) / size).to_array().map(|c| c.floor().clamp(-1e9, 1e9) as i32)
+}
+
+/// To the plane where the foot of the perpendicular lies inside all three edges, else to the
+/// nearest edge.
+fn distance2(p: DVec3, &[a, b, c]: &[DVec3; 3]) -> f64 {
+    let normal = (b - a).cross(c - a);
+    let area2 = normal.length_squared();
+    let inside = |from: DVec3, to: DVec3| normal.dot((to - from).cross(p - from)) >= 0.0;
+    if area2 > 0.0 && inside(a, b) && inside(b, c) && inside(c, a) {
+        let height = normal.dot(p - a);
+        return height * height / area2;
+    }
+    let to_segment = |a: DVec3, b: DVec3| {
+        let along = b - a;
+        let length2 = along.length_squared();
+        let t = if length2 > 0.0 { ((p - a).dot(along) / length2).clamp(0.0, 1.0) } else { 0.0 };
+        (p - (a + along * t)).length_squared()
+    };
+    to_segment(a, b).min(to_segment(b, c)).min(to_segment(c, a))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn distances_to_a_known_triangle() {
@@ -87,8 +153,29 @@ mod tests {
             ([2.0, -2.0, 0.0], 2.0),
             ([4.0, 4.0, 0.0], 8.0f64.sqrt()),
             ([50.0, 1.0, 0.0], 1.0),
+            ([50.0, 0.0, 9000.0], 9000.0),
         ] {
-            assert!((target.distance(p) - expected).abs() < 1e-12, "{p:?}");
+            assert!((target.distance(p) - expected).abs() < 1e-9, "{p:?}");
+        }
+        assert_eq!(Target::new(std::iter::empty()).distance([0.0; 3]), f64::INFINITY);
+    }
+
+    fn point(range: f64) -> impl Strategy<Value = [f64; 3]> {
+        prop::array::uniform3(-range..range)
+    }
+
+    proptest! {
+        #[test]
+        fn the_grid_agrees_with_trying_every_triangle(
+            p in point(30.0),
+            soup in prop::collection::vec(prop::array::uniform3(point(10.0)), 1..40),
+        ) {
+            let found = Target::new(soup.iter().copied()).distance(p);
+            let brute = soup
+                .iter()
+                .map(|t| distance2(DVec3::from_array(p), &t.map(DVec3::from_array)).sqrt())
+                .fold(f64::INFINITY, f64::min);
+            prop_assert_eq!(found, brute);
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use glam::DVec3;
 use hlod_compress::{CellKey, Lattice, Mesh, NodeRecord, RepresentationKind};
 
 use super::RepresentationCheck;
@@ -16,12 +17,12 @@ pub(super) fn check(
     lattice: &Lattice,
     progress: &dyn Progress,
 ) -> Vec<RepresentationCheck> {
-    let original: Vec<[[f64; 3]; 3]> = leaves
+    let originals: Vec<&Mesh> = leaves
         .iter()
         .filter(|(cell, _)| is_inside(**cell, node.cell))
-        .flat_map(|(_, mesh)| corners(mesh))
+        .map(|(_, mesh)| mesh)
         .collect();
-    let to_original = Target::new(original.iter().copied());
+    let to_original = Target::new(originals.iter().flat_map(|mesh| corners(mesh)));
     let mut out = Vec::new();
     for (representation, mesh) in node.representations.iter().zip(meshes) {
         let stored = f64::from(representation.errors.geometric);
@@ -29,13 +30,10 @@ pub(super) fn check(
         let spacing = stored / lattice.step / 4.0;
         let to_mesh = Target::new(corners(mesh));
         let mut largest = Largest::default();
-        for (triangles, target) in
-            [(original.clone(), &to_mesh), (corners(mesh).collect(), &to_original)]
-        {
-            for triangle in triangles {
-                sample(&triangle, spacing, target, &mut largest);
-            }
+        for original in &originals {
+            sample(original, spacing, &to_mesh, &mut largest);
         }
+        sample(mesh, spacing, &to_original, &mut largest);
         out.push(RepresentationCheck {
             cell: node.cell.to_string(),
             depth: node.cell.depth(),
@@ -70,28 +68,44 @@ fn corners(mesh: &Mesh) -> impl Iterator<Item = [[f64; 3]; 3]> + '_ {
 
 #[derive(Default)]
 struct Largest {
+    /// Largest distance of a sample.
     sampled: f64,
+    /// No point is farther than this.
     bound: f64,
 }
 
-/// Samples a triangle on a barycentric grid whose cells have edges of at most `spacing`.
-fn sample(t: &[[f64; 3]; 3], spacing: f64, target: &Target, largest: &mut Largest) {
-    let length = |a: usize, b: usize| -> f64 {
-        (0..3).map(|i| (t[a][i] - t[b][i]).powi(2)).sum::<f64>().sqrt()
-    };
-    let longest = length(0, 1).max(length(1, 2)).max(length(2, 0));
-    let count = (longest / spacing).ceil().max(1.0) as u32;
-    let n = f64::from(count);
-    // The grid's cells are copies of the triangle: no point of one is farther than its longest
-    // edge / √3 from the nearest corner.
-    let covering_radius = longest / n / 3f64.sqrt();
-    for i in 0..=count {
-        for j in 0..=count - i {
-            let (u, v) = (f64::from(i) / n, f64::from(j) / n);
-            let p = std::array::from_fn(|k| t[0][k] * (1.0 - u - v) + t[1][k] * u + t[2][k] * v);
-            let distance = target.distance(p);
-            largest.sampled = largest.sampled.max(distance);
-            largest.bound = largest.bound.max(distance + covering_radius);
+/// Samples a mesh: its vertices, and each triangle's inside down to pieces with edges of at most
+/// `spacing`.
+///
+/// The distance is 1-Lipschitz: no point of a piece is farther than the farthest of its corners
+/// plus the piece's covering radius, longest edge / √3. Pieces in which that cannot exceed the
+/// largest sample by more than the finest pieces' covering radius are not looked into: they could
+/// change neither result.
+fn sample(mesh: &Mesh, spacing: f64, target: &Target, largest: &mut Largest) {
+    let positions: Vec<DVec3> =
+        mesh.positions.iter().map(|p| DVec3::from_array(p.map(f64::from))).collect();
+    let at_vertices: Vec<f64> = positions.iter().map(|p| target.distance(p.to_array())).collect();
+    for &v in mesh.triangles.iter().flatten() {
+        largest.sampled = largest.sampled.max(at_vertices[v as usize]);
+    }
+    let finest = spacing / 3f64.sqrt();
+    let mut pending = Vec::new();
+    for triangle in &mesh.triangles {
+        pending.push(triangle.map(|v| (positions[v as usize], at_vertices[v as usize])));
+        while let Some([a, b, c]) = pending.pop() {
+            let longest = a.0.distance(b.0).max(b.0.distance(c.0)).max(c.0.distance(a.0));
+            let farthest = a.1.max(b.1).max(c.1);
+            let reach = farthest + longest / 3f64.sqrt();
+            if reach <= largest.sampled + finest || longest <= spacing {
+                largest.bound = largest.bound.max(reach);
+                continue;
+            }
+            let [ab, bc, ca] = [(a, b), (b, c), (c, a)].map(|(p, q)| {
+                let middle = (p.0 + q.0) / 2.0;
+                (middle, target.distance(middle.to_array()))
+            });
+            largest.sampled = largest.sampled.max(ab.1).max(bc.1).max(ca.1);
+            pending.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
         }
     }
 }

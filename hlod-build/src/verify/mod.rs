@@ -1,7 +1,7 @@
 //! Tries to refute what a file says about itself.
 //!
-//! Shares no geometry code with the builder: its own cutting, a library's hierarchy
-//! (`bvh` crate), its own point–triangle distance by another method, sampling instead of bounds.
+//! Shares no geometry code with the builder: its own cutting, a grid instead of a hierarchy, its own
+//! point–triangle distance by another method, sampling instead of bounds.
 //!
 //! - Every block and page is read, checked and decoded; counts, cells and bounds are compared.
 //! - Leaves are compared with the input, cut at the leaves' cells.

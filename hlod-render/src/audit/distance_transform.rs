@@ -7,7 +7,11 @@ use rayon::prelude::*;
 
 /// Squared distance from each pixel to the nearest one for which `is_member` holds, row by row;
 /// infinite where there is none.
-pub fn squared_distances(width: usize, height: usize, is_member: impl Fn(usize) -> bool + Sync) -> Vec<f32> {
+pub fn squared_distances(
+    width: usize,
+    height: usize,
+    is_member: impl Fn(usize) -> bool + Sync,
+) -> Vec<f32> {
     if width == 0 || height == 0 {
         return Vec::new();
     }
@@ -94,7 +98,8 @@ mod tests {
             let mut state = seed;
             let members: Vec<bool> = (0..width * height)
                 .map(|_| {
-                    state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+                    state =
+                        state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
                     (state >> 33) % (5 + 20 * seed) == 0
                 })
                 .collect();

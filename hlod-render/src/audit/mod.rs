@@ -150,7 +150,15 @@ pub fn audit(
 
         // Draw: as the user sees it, and the reference at 4 × 4 and at one sample a pixel.
         let (width, height) = options.size;
-        let drawn = draw_layer(gpu, &mut renderer, &mut Source::Models(&mut models), &shot, width, height, 1)?;
+        let drawn = draw_layer(
+            gpu,
+            &mut renderer,
+            &mut Source::Models(&mut models),
+            &shot,
+            width,
+            height,
+            1,
+        )?;
         let mut source = Source::Reference(&reference);
         let truth = draw_layer(gpu, &mut renderer, &mut source, &shot, width, height, SAMPLES)?;
         let once = draw_layer(gpu, &mut renderer, &mut source, &shot, width, height, 1)?;
@@ -169,7 +177,8 @@ pub fn audit(
 
         // Outlines at 8 × 8 positions a pixel.
         let fine = (width * SUBPIXELS, height * SUBPIXELS);
-        let drawn_mask = draw_mask(gpu, &mut renderer, &mut Source::Models(&mut models), &shot, fine)?;
+        let drawn_mask =
+            draw_mask(gpu, &mut renderer, &mut Source::Models(&mut models), &shot, fine)?;
         let truth_mask = draw_mask(gpu, &mut renderer, &mut source, &shot, fine)?;
         let view_outlines = silhouette::compare(&drawn_mask, &truth_mask);
 
@@ -184,7 +193,8 @@ pub fn audit(
             appearance_p999_px: p999(&scores.appearance),
             silhouette_p999_px,
         });
-        let badness = 1e6 * (scores.holes.len() + scores.overdraw.len()) as f64 + p999(&scores.appearance);
+        let badness =
+            1e6 * (scores.holes.len() + scores.overdraw.len()) as f64 + p999(&scores.appearance);
         if let Some(folder) = options.pictures.as_ref().filter(|_| badness > worst) {
             worst = badness;
             save_pictures(folder, &drawn.1, &truth.1, &scores)?;
@@ -201,7 +211,8 @@ pub fn audit(
     }
 
     let worse = |d: &[Distances; 2], share: f64| d[0].percentile(share).max(d[1].percentile(share));
-    let worse_outline = |share: f64| outlines[0].percentile(share).max(outlines[1].percentile(share));
+    let worse_outline =
+        |share: f64| outlines[0].percentile(share).max(outlines[1].percentile(share));
     Ok(AuditReport {
         file: file.to_owned(),
         representation: shot_template.representation.name(),
@@ -227,12 +238,18 @@ pub fn audit(
 }
 
 /// Views along the path, or round the statue on a spiral (Fibonacci sphere) from far to near.
-fn cameras(framing: &Framing, file: &Path, options: &AuditOptions) -> Result<Vec<Camera>, RenderError> {
+fn cameras(
+    framing: &Framing,
+    file: &Path,
+    options: &AuditOptions,
+) -> Result<Vec<Camera>, RenderError> {
     let aspect = f64::from(options.size.0) / f64::from(options.size.1);
     if let Some(path) = &options.path {
         let placed = path.place(*framing, file)?;
         let share = |i: u32| f64::from(i) / f64::from((options.views - 1).max(1));
-        return Ok((0..options.views).map(|i| placed.camera_at(share(i) * path.duration_secs)).collect());
+        return Ok((0..options.views)
+            .map(|i| placed.camera_at(share(i) * path.duration_secs))
+            .collect());
     }
     let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     Ok((0..options.views)
@@ -280,7 +297,9 @@ fn draw_layer(
     let depths = canvas.depths(gpu)?.into_iter().map(|z| match shot.camera.projection {
         Projection::Perspective { .. } => (near / f64::from(z)) as f32,
         // Inverts Camera::clip_from_view.
-        Projection::Orthographic { .. } => ((0.5 - f64::from(z)) * 2.0 * range + range / 4.0) as f32,
+        Projection::Orthographic { .. } => {
+            ((0.5 - f64::from(z)) * 2.0 * range + range / 4.0) as f32
+        }
     });
     let layer = Layer::new(width * n, height * n, &picture.rgba, &identities, depths.collect());
     Ok((layer, picture))
@@ -338,7 +357,9 @@ fn save_pictures(
             [grey, grey, grey, 255]
         })
         .collect();
-    for (pixels, colour) in [(&scores.holes, [255, 0, 0, 255]), (&scores.overdraw, [0, 80, 255, 255])] {
+    for (pixels, colour) in
+        [(&scores.holes, [255, 0, 0, 255]), (&scores.overdraw, [0, 80, 255, 255])]
+    {
         for &p in pixels {
             rgba[4 * p..4 * p + 4].copy_from_slice(&colour);
         }

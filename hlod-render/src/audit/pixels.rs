@@ -61,7 +61,11 @@ pub struct Scale {
 
 impl Scale {
     fn pixel(&self, depth: f32) -> f64 {
-        if self.perspective { self.pixel_at_unit_depth * f64::from(depth) } else { self.pixel_at_unit_depth }
+        if self.perspective {
+            self.pixel_at_unit_depth * f64::from(depth)
+        } else {
+            self.pixel_at_unit_depth
+        }
     }
 }
 
@@ -142,7 +146,8 @@ pub fn score(drawn: &Layer, truth: &Layer, scale: &Scale) -> Scores {
                 scores.holes.push(p);
             }
             let wide = reference.window(x, y, 2);
-            let scored = wide.all_covered && !reference.jumps_within(x, y, 2, scale) && drawn.covered[p];
+            let scored =
+                wide.all_covered && !reference.jumps_within(x, y, 2, scale) && drawn.covered[p];
             if scored {
                 let forward = forward_distance(drawn.shade[p], truth, x, y);
                 let backward = backward_distance(reference.mean_shade[p], drawn, x, y);

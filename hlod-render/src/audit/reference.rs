@@ -30,7 +30,11 @@ pub(super) struct Reference {
 const CHUNK_TRIANGLES: usize = 1 << 20;
 
 impl Reference {
-    pub(super) fn load(gpu: &Gpu, inputs: &[PathBuf], model: &Model) -> Result<Reference, RenderError> {
+    pub(super) fn load(
+        gpu: &Gpu,
+        inputs: &[PathBuf],
+        model: &Model,
+    ) -> Result<Reference, RenderError> {
         let scan = hlod_scan::load(inputs, &mut |_, _| {})?;
         let origin = model_origin(&model.header().lattice);
         let has_colours = !scan.colours.is_empty();

@@ -55,10 +55,7 @@ pub fn compare(drawn: &Mask, truth: &Mask) -> [Scores; 2] {
     let outlines = [&drawn, &truth].map(outline);
     let [to_drawn, to_truth] = [&outlines[0], &outlines[1]]
         .map(|outline| squared_distances(crop.width(), crop.height(), |p| outline[p]));
-    [
-        collect(&drawn, &outlines[0], &to_truth),
-        collect(&truth, &outlines[1], &to_drawn),
-    ]
+    [collect(&drawn, &outlines[0], &to_truth), collect(&truth, &outlines[1], &to_drawn)]
 }
 
 fn collect(mask: &Mask, outline: &[bool], to_other: &[f32]) -> Scores {
@@ -187,7 +184,8 @@ mod tests {
     #[test]
     fn a_bite_is_seen_from_the_other_side() {
         let truth = disc(30.0, 20.0, 12.0);
-        let bitten = mask(|x, y| (x - 30.0).hypot(y - 20.0) < 12.0 && (x - 42.0).hypot(y - 20.0) > 4.0);
+        let bitten =
+            mask(|x, y| (x - 30.0).hypot(y - 20.0) < 12.0 && (x - 42.0).hypot(y - 20.0) > 4.0);
         assert!(worst(&bitten, &truth) > 1.5);
     }
 

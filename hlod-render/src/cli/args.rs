@@ -90,7 +90,8 @@ impl RepresentationArg {
             RepresentationArg::Geometric => Ok(Representation::Geometric),
             RepresentationArg::Full => Ok(Representation::Full),
             RepresentationArg::Points => {
-                Err("files of this format version hold no points; try --representation hybrid".into())
+                Err("files of this format version hold no points; try --representation hybrid"
+                    .into())
             }
         }
     }
@@ -251,7 +252,8 @@ pub fn camera(text: &str, framing: &Framing, aspect: f64) -> Result<Camera, Stri
     }
     let (eye, target) = text.split_once(':').unwrap_or((text, "0,0,0"));
     let point = |text: &str| -> Result<DVec3, String> {
-        let n = numbers::<3, 3>(text).map_err(|e| format!("--camera {text}: {e}, or a named view"))?;
+        let n =
+            numbers::<3, 3>(text).map_err(|e| format!("--camera {text}: {e}, or a named view"))?;
         Ok(framing.point([n[0], n[1], n[2]]))
     };
     let (eye, target) = (point(eye)?, point(target)?);

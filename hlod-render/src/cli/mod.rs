@@ -135,7 +135,8 @@ fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Fail
 fn progress_bar(quiet: bool, total: u64, what: &str) -> ProgressBar {
     let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
     let template = format!("{{bar:32.cyan/dim}} {{pos}}/{{len}} {what}  {{eta}} left");
-    let style = ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    let style =
+        ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::with_draw_target(Some(total), target).with_style(style)
 }
 
@@ -152,7 +153,8 @@ fn print(json: &JsonArgs, result: &impl Serialize, table: impl Fn() -> String) -
 }
 
 fn to_json(result: &impl Serialize) -> Result<String, Failure> {
-    serde_json::to_string_pretty(result).map_err(|e| Failure::Work(format!("cannot write JSON: {e}")))
+    serde_json::to_string_pretty(result)
+        .map_err(|e| Failure::Work(format!("cannot write JSON: {e}")))
 }
 
 fn write_file(path: &Path, text: &str) -> Outcome {

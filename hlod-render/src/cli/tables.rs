@@ -77,5 +77,12 @@ pub fn audit(r: &AuditReport) -> String {
         ("silhouette distance, 99.9 %", px(s.p999)),
         ("silhouette scored", format!("{:.1} %", 100.0 * s.scored_share)),
     ];
-    format!("{} · {} · τ = {} px\n{}\n{}", r.file.display(), r.representation, r.tau_px, r.adapter, table(&rows))
+    format!(
+        "{} · {} · τ = {} px\n{}\n{}",
+        r.file.display(),
+        r.representation,
+        r.tau_px,
+        r.adapter,
+        table(&rows)
+    )
 }

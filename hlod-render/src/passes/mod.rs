@@ -133,7 +133,9 @@ impl Passes {
                     ty: wgpu::BindingType::Buffer {
                         ty: wgpu::BufferBindingType::Uniform,
                         has_dynamic_offset: true,
-                        min_binding_size: std::num::NonZeroU64::new(size_of::<FrameUniform>() as u64),
+                        min_binding_size: std::num::NonZeroU64::new(
+                            size_of::<FrameUniform>() as u64
+                        ),
                     },
                     count: None,
                 },
@@ -165,7 +167,21 @@ impl Passes {
         let surface_layout = layout("surface", &[Some(&geometry_layout)]);
         let shade_layout = layout("shade", &[Some(&geometry_layout), Some(&identity_layout)]);
 
-        let pipeline = |pass: hlod_shaders::Pass, layout, cull_mode, target, depth: bool| {
+        // The surface writes depth; shading draws at infinity and passes only where something is
+        // nearer, so that no shader runs for the background.
+        let nearest = wgpu::DepthStencilState {
+            format: DEPTH_FORMAT,
+            depth_write_enabled: Some(true),
+            depth_compare: Some(wgpu::CompareFunction::Greater),
+            stencil: Default::default(),
+            bias: Default::default(),
+        };
+        let where_drawn = wgpu::DepthStencilState {
+            depth_write_enabled: Some(false),
+            depth_compare: Some(wgpu::CompareFunction::Less),
+            ..nearest.clone()
+        };
+        let pipeline = |pass: hlod_shaders::Pass, layout, cull_mode, target, depth| {
             let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some(pass.name),
                 source: wgpu::ShaderSource::Wgsl(pass.source.into()),
@@ -180,13 +196,7 @@ impl Passes {
                     buffers: &[],
                 },
                 primitive: wgpu::PrimitiveState { cull_mode, ..Default::default() },
-                depth_stencil: depth.then(|| wgpu::DepthStencilState {
-                    format: DEPTH_FORMAT,
-                    depth_write_enabled: Some(true),
-                    depth_compare: Some(wgpu::CompareFunction::Greater),
-                    stencil: Default::default(),
-                    bias: Default::default(),
-                }),
+                depth_stencil: Some(depth),
                 multisample: Default::default(),
                 fragment: Some(wgpu::FragmentState {
                     module: &module,
@@ -202,11 +212,13 @@ impl Passes {
                 cache: None,
             })
         };
-        let surface = |cull| pipeline(hlod_shaders::SURFACE, &surface_layout, cull, IDENTITY_FORMAT, true);
+        let surface = |cull| {
+            pipeline(hlod_shaders::SURFACE, &surface_layout, cull, IDENTITY_FORMAT, nearest.clone())
+        };
         Passes {
             surface_culled: surface(Some(wgpu::Face::Back)),
             surface_two_sided: surface(None),
-            shade: pipeline(hlod_shaders::SHADE, &shade_layout, None, output, false),
+            shade: pipeline(hlod_shaders::SHADE, &shade_layout, None, output, where_drawn),
             uniforms: buffer(gpu, "uniforms", 16 * UNIFORM_STRIDE, wgpu::BufferUsages::UNIFORM),
             indirect: buffer(gpu, "draws", 1024 * 16, wgpu::BufferUsages::INDIRECT),
             geometry_layout,
@@ -282,9 +294,15 @@ impl Passes {
                 ..Default::default()
             });
             let mut first = 0;
-            for group in ranges.chunk_by(|a, b| (a.uniform, a.cull_backs) == (b.uniform, b.cull_backs)) {
+            for group in
+                ranges.chunk_by(|a, b| (a.uniform, a.cull_backs) == (b.uniform, b.cull_backs))
+            {
                 let Range { uniform, cull_backs, .. } = *group[0];
-                pass.set_pipeline(if cull_backs { &self.surface_culled } else { &self.surface_two_sided });
+                pass.set_pipeline(if cull_backs {
+                    &self.surface_culled
+                } else {
+                    &self.surface_two_sided
+                });
                 pass.set_bind_group(0, &bind_groups[uniform], &offset(uniform));
                 pass.multi_draw_indirect(&self.indirect, first * 16, group.len() as u32);
                 first += group.len() as u64;
@@ -295,6 +313,11 @@ impl Passes {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("shade"),
                 color_attachments: &[attachment(&targets.colour, wgpu::Color { r, g, b, a: 1.0 })],
+                depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                    view: &depth_view,
+                    depth_ops: None,
+                    stencil_ops: None,
+                }),
                 ..Default::default()
             });
             let identities = targets.identity_bind_group.get_or_init(|| {
@@ -322,7 +345,10 @@ fn entry(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
     wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
 }
 
-fn attachment(view: &wgpu::TextureView, clear: wgpu::Color) -> Option<wgpu::RenderPassColorAttachment<'_>> {
+fn attachment(
+    view: &wgpu::TextureView,
+    clear: wgpu::Color,
+) -> Option<wgpu::RenderPassColorAttachment<'_>> {
     Some(wgpu::RenderPassColorAttachment {
         view,
         depth_slice: None,

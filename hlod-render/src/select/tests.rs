@@ -10,7 +10,12 @@ use super::*;
 const UNITS: i32 = 1 << 12;
 
 fn lattice() -> Lattice {
-    Lattice { origin: [-1.0; 3], step: 2.0 / f64::from(UNITS), root_units: UNITS as u32, depth_max: 6 }
+    Lattice {
+        origin: [-1.0; 3],
+        step: 2.0 / f64::from(UNITS),
+        root_units: UNITS as u32,
+        depth_max: 6,
+    }
 }
 
 /// A complete octree of edge 2 round the origin; errors halve with each depth, leaves have none.
@@ -94,7 +99,11 @@ fn every_visible_point_is_covered_once_whatever_is_resident() {
             .collect();
         let front = select(&skeleton, &view, at_tau(0.5), &|n, _| resident.contains(&n));
         for i in 0..200 {
-            let p = DVec3::new((f64::from(i) * 0.77).sin(), (f64::from(i) * 1.31).cos(), (f64::from(i) * 2.1).sin()) * 0.6;
+            let p = DVec3::new(
+                (f64::from(i) * 0.77).sin(),
+                (f64::from(i) * 1.31).cos(),
+                (f64::from(i) * 2.1).sin(),
+            ) * 0.6;
             assert_eq!(covered(&skeleton, &front, p), 1, "{p} in round {round}");
         }
         for draw in &front.draws {
@@ -137,7 +146,8 @@ fn error_px_bounds_every_projected_length() {
     let mut largest: f64 = 0.0;
     for i in 0..4000 {
         let f = f64::from(i);
-        let at = min + (max - min) * DVec3::new((f * 0.618) % 1.0, (f * 0.414) % 1.0, (f * 0.732) % 1.0);
+        let at =
+            min + (max - min) * DVec3::new((f * 0.618) % 1.0, (f * 0.414) % 1.0, (f * 0.732) % 1.0);
         let direction = DVec3::new((f * 1.3).sin(), (f * 2.7).sin(), (f * 0.9).cos()).normalize();
         largest = largest.max(project(at).distance(project(at + direction * error)));
     }

@@ -71,8 +71,8 @@ impl Motion {
 /// Times of the last frames.
 #[derive(Debug, Default)]
 pub struct FrameClock {
+    frame_ms: Option<f64>,
     /// Newest last.
-    frame_ms: VecDeque<f64>,
     finished: VecDeque<Instant>,
 }
 
@@ -81,16 +81,20 @@ impl FrameClock {
     /// Longer pauses lie between motions, not between frames.
     const PAUSE: Duration = Duration::from_millis(1500);
 
-    /// A frame was finished that took so long.
-    pub fn frame(&mut self, now: Instant, frame_ms: f64) {
-        if self.finished.back().is_some_and(|last| now.saturating_duration_since(*last) > Self::PAUSE) {
+    /// A frame was finished that took so long. Only those of motions count for their rate.
+    pub fn frame(&mut self, now: Instant, frame_ms: f64, moving: bool) {
+        self.frame_ms = Some(frame_ms);
+        if !moving {
+            return;
+        }
+        if self
+            .finished
+            .back()
+            .is_some_and(|last| now.saturating_duration_since(*last) > Self::PAUSE)
+        {
             self.finished.clear();
         }
-        self.frame_ms.push_back(frame_ms);
         self.finished.push_back(now);
-        while self.frame_ms.len() > Self::FRAMES_KEPT {
-            self.frame_ms.pop_front();
-        }
         while self.finished.len() > Self::FRAMES_KEPT {
             self.finished.pop_front();
         }
@@ -98,7 +102,7 @@ impl FrameClock {
 
     /// Time that the last frame took.
     pub fn last_ms(&self) -> Option<f64> {
-        self.frame_ms.back().copied()
+        self.frame_ms
     }
 
     /// Frames a second during the last motion.
@@ -161,10 +165,10 @@ mod tests {
         assert!(motion.is_moving(at(100)) && !motion.is_moving(at(300)));
 
         let mut clock = FrameClock::default();
-        clock.frame(at(0), 20.0);
-        clock.frame(at(5_000), 20.0);
-        clock.frame(at(5_050), 30.0);
-        clock.frame(at(5_100), 40.0);
+        clock.frame(at(0), 20.0, true);
+        clock.frame(at(5_000), 20.0, true);
+        clock.frame(at(5_050), 30.0, true);
+        clock.frame(at(5_100), 40.0, true);
         assert_eq!(clock.last_ms(), Some(40.0));
         assert!(clock.frames_per_sec().is_some_and(|f| (f - 20.0).abs() < 1e-9));
     }

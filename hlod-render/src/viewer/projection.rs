@@ -42,6 +42,7 @@ impl Lens {
     }
 
     /// World length of a pixel at a depth.
+    #[cfg(test)]
     pub fn pixel_length(&self, depth: f64) -> f64 {
         2.0 * self.camera.half_extent(self.aspect()).y * self.spread(depth) / self.size.y
     }
@@ -99,10 +100,9 @@ mod tests {
 
     #[test]
     fn pixels_go_to_points_and_back_with_the_depth_of_the_buffer() {
-        for projection in [
-            Projection::Perspective { fov_y: 0.6 },
-            Projection::Orthographic { height: 2.5 },
-        ] {
+        for projection in
+            [Projection::Perspective { fov_y: 0.6 }, Projection::Orthographic { height: 2.5 }]
+        {
             let lens = lens(projection);
             for (x, y, depth) in [(400.0, 300.0, 3.0), (0.5, 599.5, 0.7), (731.0, 12.0, 9.0)] {
                 let pixel = DVec2::new(x, y);
@@ -126,7 +126,9 @@ mod tests {
     #[test]
     fn a_pixel_is_as_long_as_its_distance_to_the_next() {
         let lens = lens(Projection::Perspective { fov_y: 0.6 });
-        let step = lens.point_at(DVec2::new(7.0, 8.0), 4.0).distance(lens.point_at(DVec2::new(7.0, 9.0), 4.0));
+        let step = lens
+            .point_at(DVec2::new(7.0, 8.0), 4.0)
+            .distance(lens.point_at(DVec2::new(7.0, 9.0), 4.0));
         assert!((step - lens.pixel_length(4.0)).abs() < 1e-9);
         assert_eq!(lens.pixel_of(lens.camera.eye + (lens.camera.eye - lens.camera.target)), None);
     }

@@ -68,7 +68,11 @@ fn a_blur_is_found() {
     let sharp = {
         let mut layer = good();
         // Detail of one pixel, which a blur destroys.
-        layer.shade.iter_mut().enumerate().for_each(|(i, s)| *s *= if i % 2 == 0 { 1.0 } else { 0.6 });
+        layer
+            .shade
+            .iter_mut()
+            .enumerate()
+            .for_each(|(i, s)| *s *= if i % 2 == 0 { 1.0 } else { 0.6 });
         layer
     };
     let mut fine = truth();

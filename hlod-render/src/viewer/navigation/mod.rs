@@ -11,7 +11,8 @@ mod tests;
 
 use glam::{DVec2, DVec3};
 
-pub use pose::{Pose, corners};
+pub use pose::Pose;
+use pose::corners;
 
 use super::projection::Lens;
 use crate::camera::{Camera, Projection};
@@ -71,6 +72,10 @@ pub struct Navigation {
     size: DVec2,
     pose: Pose,
     home: Pose,
+    /// The first view fits the statue to the picture, whatever the picture's size.
+    home_fits: bool,
+    /// So does the present one: nobody has moved since.
+    fits: bool,
     parallel: bool,
     flying: bool,
     fly: FlyInput,
@@ -99,6 +104,8 @@ impl Navigation {
             size,
             pose,
             home: pose,
+            home_fits: camera.is_none(),
+            fits: camera.is_none(),
             parallel,
             flying: false,
             fly: FlyInput::default(),
@@ -107,9 +114,13 @@ impl Navigation {
         }
     }
 
-    /// The picture's size has changed.
+    /// The picture's size has changed. A statue that just filled it still does.
     pub fn resize(&mut self, size: DVec2) {
-        self.size = size.max(DVec2::ONE);
+        let size = size.max(DVec2::ONE);
+        if size != self.size {
+            self.size = size;
+            self.keep_fitting();
+        }
     }
 
     /// The camera of the next frame.
@@ -120,7 +131,8 @@ impl Navigation {
             // The eye of a parallel view stands clear of the statue: depth reaches four times its
             // distance either way.
             let (min, max) = self.framing.bounds;
-            let clear = self.pose.distance.max((max - min).length() + target.distance(self.framing.centre));
+            let clear =
+                self.pose.distance.max((max - min).length() + target.distance(self.framing.centre));
             let height = 2.0 * self.pose.distance * (self.fov_y / 2.0).tan();
             let projection = Projection::Orthographic { height };
             return Camera { eye: target + back * clear, target, up, projection, near: 0.0 };
@@ -133,6 +145,11 @@ impl Navigation {
     /// The camera and the size of its picture.
     pub fn lens(&self) -> Lens {
         Lens { camera: self.camera(), size: self.size }
+    }
+
+    /// Eye and target of the perspective view, also while rays are parallel.
+    pub fn viewpoint(&self) -> (DVec3, DVec3) {
+        (self.pose.eye(&self.framing), self.pose.focus)
     }
 
     /// What the statue's coordinates are relative to.
@@ -167,7 +184,7 @@ impl Navigation {
 
     /// Begins a drag at `cursor`, with the surface's point under it where that is known.
     pub fn begin(&mut self, drag: Drag, cursor: DVec2, anchor: Option<DVec3>) {
-        self.transition = None;
+        self.moved_by_hand();
         let at_focus = match drag {
             Drag::Pan => self.lens().point_at(cursor, self.focus_depth()),
             _ => self.pose.focus,
@@ -218,7 +235,7 @@ impl Navigation {
 
     /// Approaches the point under the cursor (positive) or recedes from it, by notches.
     pub fn zoom(&mut self, cursor: DVec2, anchor: Option<DVec3>, steps: f64) {
-        self.transition = None;
+        self.moved_by_hand();
         if let Some(anchor) = anchor {
             self.look_at_depth_of(anchor);
         }
@@ -238,19 +255,19 @@ impl Navigation {
     pub fn centre(&mut self, point: DVec3) {
         self.look_at_depth_of(point);
         let to = Pose { focus: point, ..self.pose };
-        self.go(to);
+        self.go(to, false);
     }
 
     /// Shows the whole statue from the same side.
     pub fn fit(&mut self) {
         self.flying = false;
-        self.go(self.pose.fitted(&self.framing, self.fov_y, self.size));
+        self.go(self.pose, true);
     }
 
     /// Goes back to the first view.
     pub fn home(&mut self) {
         self.flying = false;
-        self.go(self.home);
+        self.go(self.home, self.home_fits);
     }
 
     /// Goes to the named view of this number in [`NAMED_VIEWS`].
@@ -260,12 +277,12 @@ impl Navigation {
         let aspect = self.size.x / self.size.y;
         let camera = self.framing.fitting(*direction, aspect, self.fov_y.to_degrees());
         let pose = Pose::from_camera(&camera, &self.framing, self.fov_y);
-        self.go(pose.fitted(&self.framing, self.fov_y, self.size));
+        self.go(pose, true);
     }
 
     /// Turns by steps of arrow keys: to the right and upwards.
     pub fn turn(&mut self, right: f64, up: f64) {
-        self.transition = None;
+        self.moved_by_hand();
         let step = KEY_TURN_DEG.to_radians();
         let focus = self.pose.focus;
         self.pose = self.pose.turned_about(focus, right * step, up * step, &self.framing);
@@ -275,12 +292,16 @@ impl Navigation {
     pub fn toggle_parallel(&mut self) {
         self.parallel = !self.parallel;
         self.flying = false;
+        self.keep_fitting();
     }
 
     /// Between turning round the statue and flying.
     pub fn toggle_flying(&mut self) {
         self.flying = !self.flying;
-        self.parallel = false;
+        if self.parallel {
+            self.toggle_parallel();
+            self.flying = true;
+        }
         self.fly = FlyInput::default();
         self.gesture = None;
     }
@@ -311,6 +332,7 @@ impl Navigation {
             }
         }
         if self.flying && self.fly.direction != DVec3::ZERO {
+            self.fits = false;
             let [right, up, back] = self.pose.axes(&self.framing);
             let d = self.fly.direction.normalize_or_zero();
             // The distance to what is ahead in a second, never more than a second's worth at once.
@@ -320,9 +342,39 @@ impl Navigation {
         }
     }
 
-    fn go(&mut self, to: Pose) {
+    /// Begins the way to a pose, brought to the distance at which the statue fits the picture.
+    fn go(&mut self, to: Pose, fits: bool) {
+        let to = if fits { self.fitted(to) } else { to };
+        self.fits = fits;
         self.gesture = None;
         self.transition = Some(Transition { from: self.pose, to, share: 0.0 });
+    }
+
+    /// The same view, at the distance at which the whole statue is seen with a margin of 4 %.
+    fn fitted(&self, pose: Pose) -> Pose {
+        let [right, up, back] = pose.axes(&self.framing);
+        let tangent = (self.fov_y / 2.0).tan();
+        let distances = corners(self.framing.bounds).map(|corner| {
+            let offset = corner - self.framing.centre;
+            let across = offset.dot(right).abs() * self.size.y / self.size.x;
+            // What is nearer looks larger, except by parallel rays.
+            let nearer = if self.parallel { 0.0 } else { offset.dot(back) };
+            across.max(offset.dot(up).abs()) / tangent * 1.04 + nearer
+        });
+        let distance = distances.into_iter().fold(self.distance_min(), f64::max);
+        Pose { focus: self.framing.centre, distance, ..pose }
+    }
+
+    fn keep_fitting(&mut self) {
+        if self.fits {
+            let pose = self.transition.take().map_or(self.pose, |t| t.to);
+            self.pose = self.fitted(pose);
+        }
+    }
+
+    fn moved_by_hand(&mut self) {
+        self.transition = None;
+        self.fits = false;
     }
 
     /// Depth of the focus as the current lens counts it.

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 
 use crate::camera::{Camera, Projection};
 use crate::framing::Framing;
@@ -81,19 +81,6 @@ impl Pose {
         let [right, up, back] = turned.axes(framing);
         let offset = right * within_view[0] + up * within_view[1] + back * within_view[2];
         Pose { focus: pivot + offset, ..turned }
-    }
-
-    /// The whole statue from the same direction, with a margin of 4 %.
-    pub fn fitted(self, framing: &Framing, fov_y: f64, size: DVec2) -> Pose {
-        let [right, up, back] = self.axes(framing);
-        let tangent = (fov_y / 2.0).tan();
-        let distances = corners(framing.bounds).map(|corner| {
-            let offset = corner - framing.centre;
-            let across = offset.dot(right).abs() * size.y / size.x;
-            across.max(offset.dot(up).abs()) / tangent * 1.04 + offset.dot(back)
-        });
-        let distance = distances.into_iter().fold(0.0, f64::max);
-        Pose { focus: framing.centre, distance, ..self }
     }
 
     /// On the way to another pose, `share` of it; distances shrink by equal ratios.

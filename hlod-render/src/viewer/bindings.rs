@@ -1,0 +1,177 @@
+//! What can be done, and by which key: one table for the keyboard and for the help.
+
+use winit::event::KeyEvent;
+use winit::keyboard::{Key, KeyCode, ModifiersState, NamedKey, PhysicalKey};
+
+/// Something that a key or a button of the panel does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Action {
+    /// Shows the whole statue from the same side.
+    Fit,
+    /// Goes back to the first view.
+    Home,
+    /// One of [`crate::framing::NAMED_VIEWS`].
+    NamedView(usize),
+    /// Perspective or parallel rays.
+    ToggleParallel,
+    /// Turning or flying.
+    ToggleFlying,
+    /// Begins recording a path, or ends and saves it.
+    ToggleRecording,
+    /// One of [`super::light::PRESETS`].
+    LightPreset(usize),
+    /// Turns by steps to the right and upwards.
+    Turn(i8, i8),
+    /// Approaches (positive) or recedes.
+    Zoom(i8),
+    /// Shows or hides the panel.
+    TogglePanel,
+    /// Shows or hides the help.
+    ToggleHelp,
+    /// Leaves what was entered last: help, flying.
+    Leave,
+    /// Takes the first problem off the list.
+    DismissProblem,
+    /// Closes the window.
+    Quit,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Pressed {
+    /// The character that the layout gives, lower case.
+    Character(&'static str),
+    Named(NamedKey),
+    /// A place on the keyboard, whatever the layout.
+    Place(KeyCode),
+}
+
+/// A key and what it does.
+#[derive(Debug, Clone, Copy)]
+struct Binding {
+    pressed: Pressed,
+    control: bool,
+    action: Action,
+}
+
+const fn plain(pressed: Pressed, action: Action) -> Binding {
+    Binding { pressed, control: false, action }
+}
+
+const fn character(character: &'static str, action: Action) -> Binding {
+    plain(Pressed::Character(character), action)
+}
+
+const fn named(key: NamedKey, action: Action) -> Binding {
+    plain(Pressed::Named(key), action)
+}
+
+const BINDINGS: [Binding; 31] = [
+    character("f", Action::Fit),
+    named(NamedKey::Home, Action::Home),
+    plain(Pressed::Place(KeyCode::Digit1), Action::NamedView(0)),
+    plain(Pressed::Place(KeyCode::Digit2), Action::NamedView(1)),
+    plain(Pressed::Place(KeyCode::Digit3), Action::NamedView(2)),
+    plain(Pressed::Place(KeyCode::Digit4), Action::NamedView(3)),
+    plain(Pressed::Place(KeyCode::Digit5), Action::NamedView(4)),
+    plain(Pressed::Place(KeyCode::Digit6), Action::NamedView(5)),
+    plain(Pressed::Place(KeyCode::Digit0), Action::NamedView(6)),
+    plain(Pressed::Place(KeyCode::Numpad1), Action::NamedView(0)),
+    plain(Pressed::Place(KeyCode::Numpad2), Action::NamedView(1)),
+    plain(Pressed::Place(KeyCode::Numpad3), Action::NamedView(2)),
+    plain(Pressed::Place(KeyCode::Numpad4), Action::NamedView(3)),
+    plain(Pressed::Place(KeyCode::Numpad5), Action::NamedView(4)),
+    plain(Pressed::Place(KeyCode::Numpad6), Action::NamedView(5)),
+    plain(Pressed::Place(KeyCode::Numpad0), Action::NamedView(6)),
+    character("p", Action::ToggleParallel),
+    character("v", Action::ToggleFlying),
+    character("r", Action::ToggleRecording),
+    character("l", Action::LightPreset(0)),
+    named(NamedKey::ArrowRight, Action::Turn(1, 0)),
+    named(NamedKey::ArrowLeft, Action::Turn(-1, 0)),
+    named(NamedKey::ArrowUp, Action::Turn(0, 1)),
+    named(NamedKey::ArrowDown, Action::Turn(0, -1)),
+    character("+", Action::Zoom(1)),
+    character("-", Action::Zoom(-1)),
+    character("n", Action::TogglePanel),
+    named(NamedKey::F1, Action::ToggleHelp),
+    character("?", Action::ToggleHelp),
+    named(NamedKey::Escape, Action::Leave),
+    Binding { pressed: Pressed::Character("q"), control: true, action: Action::Quit },
+];
+
+/// What a key does when it is pressed.
+pub fn action_of(event: &KeyEvent, modifiers: ModifiersState) -> Option<Action> {
+    let action = find(&event.logical_key, event.physical_key, modifiers)?;
+    // Held down, only what goes in steps repeats.
+    let steps = matches!(action, Action::Turn(..) | Action::Zoom(_));
+    (!event.repeat || steps).then_some(action)
+}
+
+fn find(key: &Key, place: PhysicalKey, modifiers: ModifiersState) -> Option<Action> {
+    let is_pressed = |pressed: &Pressed| match pressed {
+        Pressed::Character(wanted) => {
+            matches!(key, Key::Character(given) if given.to_lowercase() == *wanted)
+        }
+        Pressed::Named(wanted) => matches!(key, Key::Named(given) if given == wanted),
+        Pressed::Place(wanted) => place == PhysicalKey::Code(*wanted),
+    };
+    BINDINGS
+        .iter()
+        .find(|b| b.control == modifiers.control_key() && is_pressed(&b.pressed))
+        .map(|b| b.action)
+}
+
+/// Every key and gesture and what it does, in the help's order.
+pub const HELP: [(&str, &str); 22] = [
+    ("Left drag", "turn round the point under the cursor"),
+    ("Right or middle drag, Shift + left drag", "move the point under the cursor along"),
+    ("Wheel, pinch, + and −", "approach the point under the cursor, recede"),
+    ("Double click", "bring a point to the middle"),
+    ("Ctrl + Shift + left drag", "turn the light"),
+    ("L", "light from the upper left at 45°"),
+    ("F", "the whole statue, from the same side"),
+    ("Home", "the first view"),
+    ("1, 2, 3, 4", "front, back, left, right"),
+    ("5, 6", "top, bottom"),
+    ("0", "three-quarter view"),
+    ("Arrows", "turn by 5°"),
+    ("P", "perspective or parallel rays"),
+    ("V", "fly, or stop flying"),
+    ("   W, A, S, D", "   ahead, left, back, right"),
+    ("   Q, E", "   down, up"),
+    ("   Shift", "   four times as fast"),
+    ("   Left drag", "   look round"),
+    ("R", "record a camera path; again: save it"),
+    ("N", "show or hide the panel"),
+    ("F1, ?", "show or hide this help"),
+    ("Ctrl + Q", "close the window"),
+];
+
+#[cfg(test)]
+mod tests {
+    use winit::keyboard::NativeKeyCode;
+
+    use super::*;
+
+    #[test]
+    fn no_key_does_two_things() {
+        for (i, a) in BINDINGS.iter().enumerate() {
+            let same = |b: &&Binding| b.pressed == a.pressed && b.control == a.control;
+            assert!(!BINDINGS[..i].iter().any(|b| same(&b)), "{a:?}");
+        }
+    }
+
+    #[test]
+    fn letters_count_by_layout_digits_by_place_and_control_separately() {
+        let nowhere = PhysicalKey::Unidentified(NativeKeyCode::Unidentified);
+        let letter = |c: &str| Key::Character(c.into());
+        let none = ModifiersState::empty();
+        assert_eq!(find(&letter("F"), nowhere, none), Some(Action::Fit));
+        assert_eq!(find(&letter("?"), nowhere, ModifiersState::SHIFT), Some(Action::ToggleHelp));
+        assert_eq!(find(&letter("q"), nowhere, none), None);
+        assert_eq!(find(&letter("q"), nowhere, ModifiersState::CONTROL), Some(Action::Quit));
+        let digit = PhysicalKey::Code(KeyCode::Digit5);
+        assert_eq!(find(&letter("("), digit, none), Some(Action::NamedView(4)));
+        assert_eq!(find(&Key::Named(NamedKey::F1), nowhere, none), Some(Action::ToggleHelp));
+    }
+}

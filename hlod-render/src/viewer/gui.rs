@@ -1,0 +1,253 @@
+//! The panel's toolkit, and putting the statue's picture and the panel on the screen together.
+//!
+//! The renderer writes linear light into a texture that encodes it as sRGB; the toolkit shows the
+//! encoded values of the same texture unchanged, one texel a pixel. So the statue's pixels in the
+//! window are those of a picture taken without one.
+
+use std::time::Duration;
+
+use egui::epaint::{ClippedPrimitive, textures::TexturesDelta};
+use winit::event::WindowEvent;
+use winit::window::Window;
+
+use crate::error::RenderError;
+use crate::gpu::Gpu;
+use crate::passes::Targets;
+use crate::picture::{PICTURE_FORMAT, Picture};
+
+/// A texture for the statue's picture.
+pub struct Scene {
+    /// What the renderer draws into.
+    pub targets: Targets,
+    /// The encoded values.
+    encoded: wgpu::TextureView,
+}
+
+impl Scene {
+    /// Width and height must be at least 1 and within the adapter's limits.
+    pub fn new(gpu: &Gpu, width: u32, height: u32) -> Scene {
+        let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("statue"),
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: PICTURE_FORMAT.remove_srgb_suffix(),
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[PICTURE_FORMAT],
+        });
+        let linear = texture.create_view(&wgpu::TextureViewDescriptor {
+            format: Some(PICTURE_FORMAT),
+            usage: Some(wgpu::TextureUsages::RENDER_ATTACHMENT),
+            ..Default::default()
+        });
+        let encoded = texture.create_view(&Default::default());
+        Scene { targets: Targets::new(gpu, linear, width, height), encoded }
+    }
+}
+
+/// A laid out frame of the toolkit.
+pub struct Laid {
+    primitives: Vec<ClippedPrimitive>,
+    textures: TexturesDelta,
+    pixels_per_point: f32,
+    /// When the toolkit wants to be drawn again.
+    pub again_after: Duration,
+}
+
+/// The toolkit.
+pub struct Gui {
+    context: egui::Context,
+    state: egui_winit::State,
+    renderer: egui_wgpu::Renderer,
+    scene: egui::TextureId,
+    /// In points.
+    cursor: Option<egui::Pos2>,
+    /// Where the statue's picture is, in points.
+    pub statue: egui::Rect,
+}
+
+impl Gui {
+    /// `format` is that of the screen.
+    pub fn new(gpu: &Gpu, window: &Window, format: wgpu::TextureFormat, scene: &Scene) -> Gui {
+        let context = egui::Context::default();
+        // Grey surroundings do not tint what is looked at; text stands out from them.
+        context.set_theme(egui::Theme::Dark);
+        let mut visuals = egui::Visuals::dark();
+        visuals.widgets.noninteractive.fg_stroke.color = egui::Color32::from_gray(205);
+        visuals.widgets.inactive.fg_stroke.color = egui::Color32::from_gray(225);
+        context.set_visuals(visuals);
+        let side = gpu.device.limits().max_texture_dimension_2d as usize;
+        let state = egui_winit::State::new(
+            context.clone(),
+            egui::ViewportId::ROOT,
+            window,
+            Some(window.scale_factor() as f32),
+            None,
+            Some(side),
+        );
+        // Dithering would change the statue's pixels.
+        let options = egui_wgpu::RendererOptions { dithering: false, ..Default::default() };
+        let mut renderer = egui_wgpu::Renderer::new(&gpu.device, format, options);
+        let nearest = wgpu::FilterMode::Nearest;
+        let scene = renderer.register_native_texture(&gpu.device, &scene.encoded, nearest);
+        Gui { context, state, renderer, scene, cursor: None, statue: egui::Rect::EVERYTHING }
+    }
+
+    /// Shows another texture from now on.
+    pub fn set_scene(&mut self, gpu: &Gpu, scene: &Scene) {
+        self.renderer.update_egui_texture_from_wgpu_texture(
+            &gpu.device,
+            &scene.encoded,
+            wgpu::FilterMode::Nearest,
+            self.scene,
+        );
+    }
+
+    /// The texture that shows the statue.
+    pub fn scene_id(&self) -> egui::TextureId {
+        self.scene
+    }
+
+    /// Hands an event over. Says whether it was meant for the panel alone, and whether the panel
+    /// may look different now.
+    pub fn on_event(&mut self, window: &Window, event: &WindowEvent) -> (bool, bool) {
+        let was_over_panel = self.is_over_panel();
+        if let WindowEvent::CursorMoved { position, .. } = event {
+            let pixels = egui::pos2(position.x as f32, position.y as f32);
+            self.cursor = Some(pixels / egui_winit::pixels_per_point(&self.context, window));
+        }
+        let response = self.state.on_window_event(window, event);
+        // The toolkit judges by the cursor of its last frame, which may be long ago.
+        let over_panel = self.is_over_panel() || self.context.egui_is_using_pointer();
+        match event {
+            // A cursor that moves over the statue changes nothing in the panel.
+            WindowEvent::CursorMoved { .. } => (false, over_panel || was_over_panel),
+            WindowEvent::MouseInput { .. }
+            | WindowEvent::MouseWheel { .. }
+            | WindowEvent::PinchGesture { .. } => (over_panel, response.repaint),
+            _ => (response.consumed, response.repaint),
+        }
+    }
+
+    /// Whether the cursor is over anything but the statue.
+    fn is_over_panel(&self) -> bool {
+        self.cursor.is_some_and(|cursor| {
+            let layer = self.context.layer_id_at(cursor);
+            !self.statue.contains(cursor)
+                || layer.is_some_and(|layer| layer.order != egui::Order::Background)
+        })
+    }
+
+    /// Takes the keyboard from whatever field of the panel has it.
+    pub fn release_keyboard(&self) {
+        self.context.memory_mut(|memory| {
+            if let Some(id) = memory.focused() {
+                memory.surrender_focus(id);
+            }
+        });
+    }
+
+    /// Lays the frame out.
+    pub fn run(&mut self, window: &Window, contents: impl FnMut(&mut egui::Ui)) -> Laid {
+        let input = self.state.take_egui_input(window);
+        let output = self.context.run_ui(input, contents);
+        self.state.handle_platform_output(window, output.platform_output);
+        let again_after = output
+            .viewport_output
+            .get(&egui::ViewportId::ROOT)
+            .map_or(Duration::MAX, |viewport| viewport.repaint_delay);
+        Laid {
+            primitives: self.context.tessellate(output.shapes, output.pixels_per_point),
+            textures: output.textures_delta,
+            pixels_per_point: output.pixels_per_point,
+            again_after,
+        }
+    }
+
+    /// Uploads what a laid out frame brings; once for each, before it is painted.
+    pub fn upload(&mut self, gpu: &Gpu, laid: &mut Laid) {
+        let textures = std::mem::take(&mut laid.textures);
+        for (id, deltas) in &textures.set {
+            for delta in deltas {
+                self.renderer.update_texture(&gpu.device, &gpu.queue, *id, delta);
+            }
+        }
+        for id in &textures.free {
+            self.renderer.free_texture(id);
+        }
+    }
+
+    /// Paints a frame and submits it.
+    pub fn paint(
+        &mut self,
+        gpu: &Gpu,
+        laid: &Laid,
+        target: &wgpu::Texture,
+    ) -> wgpu::SubmissionIndex {
+        let view = target.create_view(&Default::default());
+        let screen = egui_wgpu::ScreenDescriptor {
+            size_in_pixels: [target.width(), target.height()],
+            pixels_per_point: laid.pixels_per_point,
+        };
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        let mut commands = self.renderer.update_buffers(
+            &gpu.device,
+            &gpu.queue,
+            &mut encoder,
+            &laid.primitives,
+            &screen,
+        );
+        {
+            let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("panel"),
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view: &view,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
+                        store: wgpu::StoreOp::Store,
+                    },
+                })],
+                ..Default::default()
+            });
+            self.renderer.render(&mut pass.forget_lifetime(), &laid.primitives, &screen);
+        }
+        commands.push(encoder.finish());
+        gpu.queue.submit(commands)
+    }
+
+    /// The same frame as a picture of a window of this size and format. Waits for it.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub fn screenshot(
+        &mut self,
+        gpu: &Gpu,
+        laid: &Laid,
+        (width, height): (u32, u32),
+        format: wgpu::TextureFormat,
+    ) -> Result<Picture, RenderError> {
+        let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("screenshot"),
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        });
+        self.paint(gpu, laid, &texture);
+        let mut rgba = gpu.read_texture(&texture, wgpu::TextureAspect::All)?;
+        let blue_first = matches!(format.remove_srgb_suffix(), wgpu::TextureFormat::Bgra8Unorm);
+        for pixel in rgba.chunks_exact_mut(4) {
+            if blue_first {
+                pixel.swap(0, 2);
+            }
+            pixel[3] = 255;
+        }
+        Ok(Picture { width, height, rgba })
+    }
+}

@@ -1,0 +1,182 @@
+//! From the window's events to what the session does.
+
+use std::collections::HashSet;
+use std::time::{Duration, Instant};
+
+use glam::{DVec2, DVec3};
+use winit::event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent};
+use winit::keyboard::{KeyCode, ModifiersState, PhysicalKey};
+
+use super::bindings::action_of;
+use super::navigation::{Drag, FlyInput};
+use super::session::Session;
+
+/// Two presses within this time are a double click …
+const DOUBLE_CLICK: Duration = Duration::from_millis(400);
+/// … if the cursor moved less than this, in pixels.
+const DOUBLE_CLICK_PX: f64 = 6.0;
+/// Pixels that a touchpad scrolls for one notch of a wheel.
+const SCROLL_PX: f64 = 50.0;
+/// Notches that a pinch to twice the size is worth.
+const PINCH_STEPS: f64 = 4.3;
+
+/// What is held down, and where the cursor is.
+#[derive(Debug, Default)]
+pub struct Input {
+    /// Relative to the statue's picture, in pixels.
+    cursor: DVec2,
+    /// Upper left corner of the statue's picture in the window, in pixels.
+    pub origin: DVec2,
+    modifiers: ModifiersState,
+    held: Option<MouseButton>,
+    turning_light: bool,
+    last_press: Option<(Instant, DVec2)>,
+    fly_keys: HashSet<KeyCode>,
+}
+
+impl Input {
+    /// Handles an event that the panel left. Returns whether the picture may have changed.
+    pub fn on_event(&mut self, event: &WindowEvent, session: &mut Session, now: Instant) -> bool {
+        match event {
+            WindowEvent::ModifiersChanged(modifiers) => {
+                self.modifiers = modifiers.state();
+                self.fly(session)
+            }
+            WindowEvent::CursorMoved { position, .. } => {
+                self.moved(DVec2::new(position.x, position.y) - self.origin, session, now)
+            }
+            WindowEvent::MouseInput { state: ElementState::Pressed, button, .. } => {
+                self.pressed(*button, session, now)
+            }
+            WindowEvent::MouseInput { state: ElementState::Released, button, .. } => {
+                if self.held == Some(*button) {
+                    self.release(session);
+                }
+                false
+            }
+            WindowEvent::MouseWheel { delta, .. } => {
+                let steps = match delta {
+                    MouseScrollDelta::LineDelta(_, y) => f64::from(*y),
+                    MouseScrollDelta::PixelDelta(offset) => offset.y / SCROLL_PX,
+                };
+                session.zoom(self.cursor, steps, now);
+                true
+            }
+            WindowEvent::PinchGesture { delta, .. } => {
+                session.zoom(self.cursor, delta * PINCH_STEPS, now);
+                true
+            }
+            WindowEvent::KeyboardInput { event, is_synthetic: false, .. } => {
+                self.key(event, session, now)
+            }
+            WindowEvent::Focused(false) => {
+                self.release(session);
+                self.fly_keys.clear();
+                self.fly(session)
+            }
+            _ => false,
+        }
+    }
+
+    /// Whether a drag is under way: it keeps the cursor, even over the panel.
+    pub fn is_dragging(&self) -> bool {
+        self.held.is_some()
+    }
+
+    fn moved(&mut self, cursor: DVec2, session: &mut Session, now: Instant) -> bool {
+        let moved = cursor - std::mem::replace(&mut self.cursor, cursor);
+        if self.held.is_none() || moved == DVec2::ZERO {
+            return false;
+        }
+        if self.turning_light {
+            let share = moved / session.navigation.lens().size.min_element();
+            session.settings.light = session.settings.light.dragged(share.x, share.y);
+            session.motion.note(now);
+        } else {
+            session.drag_to(cursor, now);
+        }
+        true
+    }
+
+    fn pressed(&mut self, button: MouseButton, session: &mut Session, now: Instant) -> bool {
+        // A second button does not disturb a drag.
+        if self.held.is_some() {
+            return false;
+        }
+        let flying = session.navigation.is_flying();
+        let left = button == MouseButton::Left;
+        if left && self.is_double(now) {
+            session.centre(self.cursor, now);
+            return true;
+        }
+        let (control, shift) = (self.modifiers.control_key(), self.modifiers.shift_key());
+        self.turning_light = left && control && shift;
+        if !self.turning_light {
+            let drag = match button {
+                MouseButton::Left if flying => Drag::Look,
+                MouseButton::Left if !shift => Drag::Orbit,
+                MouseButton::Left | MouseButton::Middle | MouseButton::Right => Drag::Pan,
+                _ => return false,
+            };
+            session.begin_drag(drag, self.cursor, now);
+        }
+        self.held = Some(button);
+        true
+    }
+
+    /// Notes a press of the left button; true where it makes a double click.
+    fn is_double(&mut self, now: Instant) -> bool {
+        let double = self.last_press.is_some_and(|(when, place)| {
+            now.saturating_duration_since(when) < DOUBLE_CLICK
+                && place.distance(self.cursor) < DOUBLE_CLICK_PX
+        });
+        self.last_press = (!double).then_some((now, self.cursor));
+        double
+    }
+
+    fn release(&mut self, session: &mut Session) {
+        self.held = None;
+        self.turning_light = false;
+        session.end_drag();
+    }
+
+    fn key(&mut self, event: &KeyEvent, session: &mut Session, now: Instant) -> bool {
+        let pressed = event.state == ElementState::Pressed;
+        if let PhysicalKey::Code(code) = event.physical_key
+            && FLY_KEYS.iter().any(|(key, _)| *key == code)
+        {
+            let changed =
+                if pressed { self.fly_keys.insert(code) } else { self.fly_keys.remove(&code) };
+            if changed && self.fly(session) {
+                return true;
+            }
+        }
+        if !pressed {
+            return false;
+        }
+        let Some(action) = action_of(event, self.modifiers) else { return false };
+        session.act(action, now);
+        true
+    }
+
+    /// Tells the session which way the keys fly. Returns whether it flies.
+    fn fly(&self, session: &mut Session) -> bool {
+        let held = FLY_KEYS.iter().filter(|(key, _)| self.fly_keys.contains(key));
+        let direction = held.map(|(_, direction)| *direction).sum();
+        let fast = self.modifiers.shift_key();
+        // With Ctrl, letters are commands.
+        let direction = if self.modifiers.control_key() { DVec3::ZERO } else { direction };
+        session.navigation.set_fly_input(FlyInput { direction, fast });
+        session.navigation.is_flying() && direction != DVec3::ZERO
+    }
+}
+
+/// Places on the keyboard, whatever the layout: right, up, ahead.
+const FLY_KEYS: [(KeyCode, DVec3); 6] = [
+    (KeyCode::KeyW, DVec3::Z),
+    (KeyCode::KeyS, DVec3::NEG_Z),
+    (KeyCode::KeyD, DVec3::X),
+    (KeyCode::KeyA, DVec3::NEG_X),
+    (KeyCode::KeyE, DVec3::Y),
+    (KeyCode::KeyQ, DVec3::NEG_Y),
+];

@@ -1,0 +1,84 @@
+//! The window (feature `viewer`).
+//!
+//! ```text
+//! window      the system's window, and when to draw
+//!   │ input       events → what the session does        bindings: which key does what
+//!   ▼ session     the model, where the viewer stands, what was set
+//!   │ navigation  how a viewer moves (projection: pixels ↔ points)
+//!   │ light       where light comes from
+//!   │ pace        τ while moving, frame times
+//!   │ depth       what is under the cursor, read back without waiting
+//!   │ recording   camera paths for benchmarks
+//!   ▼ gui         the picture and the panel on the screen
+//! ```
+//!
+//! Only `window`, `input`, `bindings`, `gui`, `panel` and `screen` know that there is a window.
+
+mod bindings;
+mod depth;
+mod gui;
+mod input;
+mod light;
+mod navigation;
+mod pace;
+mod panel;
+mod projection;
+mod recording;
+mod screen;
+mod session;
+mod settings;
+mod window;
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use winit::event_loop::{ControlFlow, EventLoop};
+
+use crate::camera::Camera;
+use crate::error::RenderError;
+use crate::gpu::AdapterChoice;
+use crate::model::ModelLimits;
+use crate::scene::Representation;
+
+/// What a window shows to begin with.
+#[derive(Debug, Clone)]
+pub struct ViewOptions {
+    /// The `.hlod` file.
+    pub file: PathBuf,
+    /// Memory and reading.
+    pub limits: ModelLimits,
+    /// τ at rest in pixels.
+    pub error_threshold_px: f64,
+    /// Which hierarchy.
+    pub representation: Representation,
+    /// First view; the three-quarter view where there is none.
+    pub camera: Option<Camera>,
+    /// Azimuth and elevation of the light in degrees relative to the picture; from the upper left
+    /// where there is none.
+    pub light: Option<(f64, f64)>,
+    /// Size of the window's content in pixels of the screen.
+    pub size: (u32, u32),
+    /// What draws.
+    pub adapter: AdapterChoice,
+    /// Leave after this time (tests and demonstrations).
+    pub exit_after: Option<Duration>,
+    /// Write what the window shows to this PNG when leaving.
+    pub screenshot: Option<PathBuf>,
+}
+
+/// Opens a window and returns when it is closed.
+///
+/// # Errors
+/// When there is no window system or graphics adapter, the file cannot be shown, or the
+/// screenshot cannot be written.
+pub fn run(options: ViewOptions) -> Result<(), RenderError> {
+    // A file that is none is refused before a window flashes up.
+    hlod_compress::HlodFile::open(&options.file).map_err(RenderError::format(&options.file))?;
+
+    let cannot = |e: winit::error::EventLoopError| RenderError::Window(e.to_string());
+    let event_loop = EventLoop::<window::Wake>::with_user_event().build().map_err(cannot)?;
+    event_loop.set_control_flow(ControlFlow::Wait);
+    let mut app = window::App::new(options, event_loop.create_proxy());
+    event_loop.run_app(&mut app).map_err(cannot)?;
+    app.error.map_or(Ok(()), Err)
+}

@@ -1,0 +1,319 @@
+//! The panel beside the statue: settings, recording, statistics; the help and problems.
+
+use egui::{Align2, Color32, FontId, Grid, RichText, Slider, Ui};
+
+use super::bindings::{Action, HELP};
+use super::light::PRESETS;
+use super::settings::Settings;
+use crate::frame::FrameStats;
+use crate::framing::NAMED_VIEWS;
+use crate::scene::{Material, Representation};
+
+/// Width of the panel in points.
+const WIDTH: f32 = 250.0;
+
+/// What the panel shows and cannot change.
+#[derive(Debug, Clone, Default)]
+pub struct Readings {
+    /// The adapter's name and kind.
+    pub adapter: String,
+    /// Whether that is no GPU.
+    pub software: bool,
+    /// What the last frame drew.
+    pub stats: FrameStats,
+    /// Time that it took.
+    pub frame_ms: Option<f64>,
+    /// During the last motion.
+    pub frames_per_sec: Option<f64>,
+    /// τ of the last frame in pixels.
+    pub error_threshold_px: f64,
+    /// Whether that is more than was chosen, to keep moving smoothly.
+    pub raised: bool,
+    /// Whether something is being read.
+    pub loading: bool,
+    /// Bytes of geometry on the GPU.
+    pub resident_bytes: u64,
+    /// Bytes read from the file.
+    pub bytes_read: u64,
+    /// Whether rays are parallel.
+    pub parallel: bool,
+    /// Whether keys fly.
+    pub flying: bool,
+    /// Seconds recorded so far.
+    pub recording_secs: Option<f64>,
+    /// Where the last path was written.
+    pub recorded: Option<String>,
+    /// The oldest problem, and how many there are.
+    pub problem: Option<(String, usize)>,
+}
+
+/// Lays everything out round the statue's picture, and says where that is, in points.
+pub fn show(
+    ui: &mut Ui,
+    settings: &mut Settings,
+    readings: &Readings,
+    scene: egui::TextureId,
+    actions: &mut Vec<Action>,
+) -> egui::Rect {
+    if settings.panel_open {
+        egui::Panel::right("panel").exact_size(WIDTH).resizable(false).show(ui, |ui| {
+            egui::ScrollArea::vertical().show(ui, |ui| contents(ui, settings, readings, actions));
+        });
+    }
+    if let Some((problem, count)) = &readings.problem {
+        egui::Panel::bottom("problems").resizable(false).show(ui, |ui| {
+            ui.horizontal(|ui| {
+                if ui.button("Dismiss").clicked() {
+                    actions.push(Action::DismissProblem);
+                }
+                let more =
+                    if *count > 1 { format!(" (and {} more)", count - 1) } else { String::new() };
+                ui.add(
+                    egui::Label::new(RichText::new(format!("{problem}{more}")).color(WARNING))
+                        .wrap(),
+                );
+            });
+        });
+    }
+    let rect = whole_pixels(ui.available_rect_before_wrap(), ui.pixels_per_point());
+    let uv = egui::Rect::from_min_max(egui::pos2(0.0, 0.0), egui::pos2(1.0, 1.0));
+    ui.painter().image(scene, rect, uv, Color32::WHITE);
+    status_line(ui, rect, readings);
+    corner_buttons(ui, rect, settings, actions);
+    if settings.help_open {
+        help(ui, actions);
+    }
+    rect
+}
+
+const WARNING: Color32 = Color32::from_rgb(255, 180, 90);
+
+/// The largest rectangle of whole pixels, so that a texel of the picture is a pixel.
+fn whole_pixels(rect: egui::Rect, pixels_per_point: f32) -> egui::Rect {
+    let round = |v: egui::Pos2| (v.to_vec2() * pixels_per_point).round() / pixels_per_point;
+    egui::Rect::from_min_max(round(rect.min).to_pos2(), round(rect.max).to_pos2())
+}
+
+fn contents(ui: &mut Ui, settings: &mut Settings, readings: &Readings, actions: &mut Vec<Action>) {
+    ui.spacing_mut().slider_width = 100.0;
+    section(ui, "View", |ui| views(ui, readings, actions));
+    section(ui, "Precision", |ui| precision(ui, settings));
+    section(ui, "Light", |ui| light(ui, settings));
+    section(ui, "Looks", |ui| looks(ui, settings));
+    section(ui, "Camera path", |ui| recording(ui, readings, actions));
+    section(ui, "Statistics", |ui| statistics(ui, readings));
+}
+
+fn section(ui: &mut Ui, title: &str, add: impl FnOnce(&mut Ui)) {
+    egui::CollapsingHeader::new(RichText::new(title).strong()).default_open(true).show(ui, add);
+}
+
+fn views(ui: &mut Ui, readings: &Readings, actions: &mut Vec<Action>) {
+    ui.horizontal_wrapped(|ui| {
+        if ui.button("Fit").on_hover_text("the whole statue, from the same side (F)").clicked() {
+            actions.push(Action::Fit);
+        }
+        for (number, (name, _)) in NAMED_VIEWS.iter().enumerate() {
+            if ui.button(*name).clicked() {
+                actions.push(Action::NamedView(number));
+            }
+        }
+    });
+    ui.horizontal(|ui| {
+        let (mut parallel, mut flying) = (readings.parallel, readings.flying);
+        if ui.checkbox(&mut parallel, "parallel rays").clicked() {
+            actions.push(Action::ToggleParallel);
+        }
+        if ui.checkbox(&mut flying, "fly").clicked() {
+            actions.push(Action::ToggleFlying);
+        }
+    });
+}
+
+fn precision(ui: &mut Ui, settings: &mut Settings) {
+    let tau = Slider::new(&mut settings.error_threshold_px, 0.25..=8.0).logarithmic(true);
+    let full = settings.representation == Representation::Full;
+    ui.add_enabled(!full, tau.max_decimals(2).suffix(" px").text("τ"))
+        .on_hover_text("the largest error on the screen: smaller is finer and slower");
+    ui.horizontal_wrapped(|ui| {
+        use Representation::{Full, Geometric, Hybrid, Triangles};
+        for representation in [Hybrid, Triangles, Geometric, Full] {
+            ui.selectable_value(
+                &mut settings.representation,
+                representation,
+                representation.name(),
+            );
+        }
+    });
+    if full {
+        ui.label(RichText::new("The scan's own geometry, however far: slow.").size(11.5));
+    }
+}
+
+fn light(ui: &mut Ui, settings: &mut Settings) {
+    let light = &mut settings.light;
+    ui.add(angle(&mut light.azimuth_deg, 180.0).text("azimuth"));
+    ui.add(angle(&mut light.elevation_deg, 90.0).text("elevation"));
+    ui.horizontal_wrapped(|ui| {
+        for (name, preset) in PRESETS {
+            ui.selectable_value(light, preset, name);
+        }
+    });
+}
+
+fn angle(value: &mut f64, most: f64) -> Slider<'_> {
+    Slider::new(value, -most..=most).suffix("°").max_decimals(0).step_by(1.0)
+}
+
+fn looks(ui: &mut Ui, settings: &mut Settings) {
+    let Material { ambient, highlight, .. } = &mut settings.material;
+    ui.add(Slider::new(ambient, 0.0..=0.6).max_decimals(2).text("ambient"));
+    ui.add(Slider::new(highlight, 0.0..=0.5).max_decimals(2).text("highlight"));
+    ui.horizontal(|ui| {
+        ui.color_edit_button_rgb(&mut settings.background);
+        ui.label("background");
+    });
+}
+
+fn recording(ui: &mut Ui, readings: &Readings, actions: &mut Vec<Action>) {
+    let label = match readings.recording_secs {
+        Some(secs) => format!("Stop and save ({secs:.0} s)"),
+        None => "Record".to_owned(),
+    };
+    if ui.button(label).on_hover_text("for hlod-render bench --path (R)").clicked() {
+        actions.push(Action::ToggleRecording);
+    }
+    if let Some(recorded) = &readings.recorded {
+        ui.label(RichText::new(recorded).size(11.5));
+    }
+}
+
+fn statistics(ui: &mut Ui, readings: &Readings) {
+    let stats = &readings.stats;
+    let number = |value: Option<f64>| value.map_or("–".to_owned(), |v| format!("{v:.1}"));
+    let megabytes = |bytes: u64| format!("{:.1} MB", bytes as f64 / 1e6);
+    let raised = if readings.raised { " (moving)" } else { "" };
+    let missing = match (stats.missing_parts, readings.loading) {
+        (0, false) => "none".to_owned(),
+        (0, true) => "loading…".to_owned(),
+        (parts, true) => format!("{parts}, loading…"),
+        (parts, false) => parts.to_string(),
+    };
+    let rows = [
+        ("frames/s", number(readings.frames_per_sec)),
+        ("frame", format!("{} ms", number(readings.frame_ms))),
+        ("τ on screen", format!("{:.2} px{raised}", readings.error_threshold_px)),
+        ("triangles", grouped(stats.triangles)),
+        ("nodes", grouped(stats.nodes as u64)),
+        ("missing parts", missing),
+        ("on the GPU", megabytes(readings.resident_bytes)),
+        ("read", megabytes(readings.bytes_read)),
+    ];
+    Grid::new("statistics").num_columns(2).show(ui, |ui| {
+        for (name, value) in rows {
+            ui.label(name);
+            ui.label(RichText::new(value).monospace());
+            ui.end_row();
+        }
+    });
+    ui.label(RichText::new(&readings.adapter).size(11.5));
+    if readings.software {
+        let remark = "No GPU: drawn by the processor, which is slower.";
+        ui.label(RichText::new(remark).size(11.5).color(WARNING));
+    }
+}
+
+/// Digits in groups of three.
+fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let mut out = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            out.push('\u{2009}');
+        }
+        out.push(digit);
+    }
+    out
+}
+
+/// A line over the picture's lower left corner, for what is going on now.
+fn status_line(ui: &Ui, rect: egui::Rect, readings: &Readings) {
+    let mut parts = Vec::new();
+    if let Some(secs) = readings.recording_secs {
+        parts.push(format!("● recording {secs:.0} s (R saves)"));
+    }
+    if readings.flying {
+        parts.push("flying (V ends)".to_owned());
+    }
+    if readings.loading {
+        parts.push("loading…".to_owned());
+    }
+    let at = rect.left_bottom() + egui::vec2(8.0, -6.0);
+    let text = parts.join("   ");
+    ui.painter().text(
+        at,
+        Align2::LEFT_BOTTOM,
+        text,
+        FontId::proportional(13.0),
+        Color32::LIGHT_GRAY,
+    );
+}
+
+fn corner_buttons(ui: &Ui, rect: egui::Rect, settings: &Settings, actions: &mut Vec<Action>) {
+    let at = rect.right_top() + egui::vec2(-6.0, 6.0);
+    egui::Area::new(egui::Id::unique("corner")).pivot(Align2::RIGHT_TOP).fixed_pos(at).show(
+        ui,
+        |ui| {
+            ui.horizontal(|ui| {
+                if ui.small_button("?").on_hover_text("help (F1)").clicked() {
+                    actions.push(Action::ToggleHelp);
+                }
+                let arrow = if settings.panel_open { "»" } else { "«" };
+                if ui.small_button(arrow).on_hover_text("panel (N)").clicked() {
+                    actions.push(Action::TogglePanel);
+                }
+            });
+        },
+    );
+}
+
+fn help(ui: &Ui, actions: &mut Vec<Action>) {
+    let mut open = true;
+    egui::Window::new("Help")
+        .anchor(Align2::CENTER_CENTER, egui::Vec2::ZERO)
+        .collapsible(false)
+        .resizable(false)
+        .open(&mut open)
+        .show(ui, |ui| {
+            Grid::new("help").num_columns(2).striped(true).show(ui, |ui| {
+                for (keys, does) in HELP {
+                    ui.label(RichText::new(keys).strong());
+                    ui.label(does);
+                    ui.end_row();
+                }
+            });
+        });
+    if !open {
+        actions.push(Action::ToggleHelp);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digits_are_grouped_by_three() {
+        assert_eq!(grouped(7), "7");
+        assert_eq!(grouped(1234567), "1\u{2009}234\u{2009}567");
+    }
+
+    #[test]
+    fn the_picture_lies_on_whole_pixels() {
+        let rect = egui::Rect::from_min_max(egui::pos2(0.3, 0.0), egui::pos2(333.4, 200.2));
+        let whole = whole_pixels(rect, 1.5);
+        for v in [whole.min.x, whole.max.x, whole.max.y] {
+            assert!((v * 1.5 - (v * 1.5).round()).abs() < 1e-3, "{v}");
+        }
+    }
+}

@@ -1,0 +1,304 @@
+//! What is shown and how, without the window: the model, where the viewer stands, what was set.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use glam::{DVec2, DVec3};
+
+use super::bindings::Action;
+use super::depth::DepthReader;
+use super::gui::Scene;
+use super::light::PRESETS;
+use super::navigation::{Drag, Navigation};
+use super::pace::{FrameClock, Motion, TauController};
+use super::panel::Readings;
+use super::recording::{Recording, save_new};
+use super::settings::Settings;
+use crate::error::RenderError;
+use crate::frame::{FrameStats, Renderer};
+use crate::framing::Framing;
+use crate::gpu::Gpu;
+use crate::model::Model;
+use crate::picture::PICTURE_FORMAT;
+use crate::scene::Shot;
+
+/// More problems than anyone reads.
+const PROBLEMS_MAX: usize = 100;
+/// A point that was under the cursor still is, if it is seen within so many pixels.
+const SAME_PLACE_PX: f64 = 4.0;
+
+/// One statue in one window.
+pub struct Session {
+    models: [Model; 1],
+    renderer: Renderer,
+    /// Where the viewer stands.
+    pub navigation: Navigation,
+    /// What was set.
+    pub settings: Settings,
+    /// When something moved last.
+    pub motion: Motion,
+    /// Whether the window should be closed.
+    pub quit: bool,
+    tau: TauController,
+    clock: FrameClock,
+    depth: DepthReader,
+    /// A drag began before the depth under the cursor was known: the pixel to ask for.
+    anchor_wanted: Option<DVec2>,
+    /// The last point that was known to be under the cursor, and where the cursor was.
+    anchor_known: Option<(DVec2, DVec3)>,
+    recording: Option<Recording>,
+    recorded: Option<String>,
+    drawn: Option<(Shot, DVec2)>,
+    stats: FrameStats,
+    problems: Vec<String>,
+    advanced: Option<Instant>,
+}
+
+impl Session {
+    /// Shows a model in a picture of this size, as `settings` say.
+    pub fn new(gpu: &Gpu, model: Model, navigation: Navigation, settings: Settings) -> Session {
+        Session {
+            models: [model],
+            renderer: Renderer::new(gpu, PICTURE_FORMAT),
+            navigation,
+            settings,
+            motion: Motion::default(),
+            quit: false,
+            tau: TauController::default(),
+            clock: FrameClock::default(),
+            depth: DepthReader::default(),
+            anchor_wanted: None,
+            anchor_known: None,
+            recording: None,
+            recorded: None,
+            drawn: None,
+            stats: FrameStats::default(),
+            problems: Vec::new(),
+            advanced: None,
+        }
+    }
+
+    /// Lets time pass until `now`.
+    pub fn advance(&mut self, now: Instant) {
+        if self.navigation.is_moving() {
+            // After a pause, the first step is that of a usual frame.
+            let secs =
+                self.advanced.map_or(0.016, |t| now.saturating_duration_since(t).as_secs_f64());
+            self.navigation.advance(secs.min(0.25));
+            self.motion.note(now);
+            self.advanced = Some(now);
+        } else {
+            self.advanced = None;
+        }
+        let (eye, target) = self.viewpoint();
+        if let Some(recording) = &mut self.recording {
+            recording.sample(now, self.navigation.framing(), eye, target);
+        }
+    }
+
+    /// Draws the statue if it looks different from the last time or parts of it have been on
+    /// their way. Returns whether it did.
+    ///
+    /// # Errors
+    /// When the GPU fails.
+    pub fn draw(&mut self, gpu: &Gpu, scene: &Scene, now: Instant) -> Result<bool, RenderError> {
+        self.take_depth();
+        let moving = self.motion.is_moving(now);
+        let lens = self.navigation.lens();
+        let shot = self.settings.shot(lens.camera, self.tau.factor(moving));
+        let same = self.drawn == Some((shot, lens.size));
+        let draw = !same || self.is_loading();
+        if draw {
+            self.stats = self.renderer.render(gpu, &mut self.models, &shot, &scene.targets)?;
+            self.drawn = Some((shot, lens.size));
+            self.problems.extend(self.models[0].take_problems());
+            self.problems.truncate(PROBLEMS_MAX);
+        }
+        // Ask for the depth where the next gesture may begin, or one waits for it.
+        let wanted = !moving || self.anchor_wanted.is_some() || self.navigation.is_flying();
+        if wanted && (!self.depth.covers(&lens) || (draw && !moving)) {
+            self.depth.copy(gpu, &scene.targets, lens);
+        }
+        Ok(draw)
+    }
+
+    /// A frame has been finished that drew the statue.
+    pub fn frame_finished(&mut self, now: Instant, frame_ms: f64, moving: bool) {
+        self.clock.frame(now, frame_ms, moving);
+        if moving {
+            self.tau.moved(frame_ms);
+        }
+    }
+
+    /// Whether parts are on their way.
+    pub fn is_loading(&self) -> bool {
+        self.models.iter().any(Model::is_loading)
+    }
+
+    /// When the next key of a recording is due.
+    pub fn recording_due(&self) -> Option<Instant> {
+        self.recording.as_ref().and_then(Recording::due)
+    }
+
+    /// The surface's point under a pixel of the picture, where it is known without waiting.
+    pub fn point_under(&mut self, pixel: DVec2) -> Option<DVec3> {
+        self.take_depth();
+        let lens = self.navigation.lens();
+        if let Some(picture) = self.depth.latest().filter(|picture| picture.lens == lens) {
+            let point = picture.depth_at(pixel).map(|depth| lens.point_at(pixel, depth));
+            self.anchor_known = point.map(|point| (pixel, point));
+            return point;
+        }
+        // Still the point of a moment ago, as in a row of zooms?
+        let (_, point) = self.anchor_known.filter(|(at, _)| at.distance(pixel) < SAME_PLACE_PX)?;
+        let seen = lens.pixel_of(point)?;
+        (seen.distance(pixel) < SAME_PLACE_PX).then_some(point)
+    }
+
+    /// Begins a drag at a pixel.
+    pub fn begin_drag(&mut self, drag: Drag, pixel: DVec2, now: Instant) {
+        let anchor = self.point_under(pixel);
+        let unknown = anchor.is_none() && drag != Drag::Look;
+        let stale = self.depth.latest().is_none_or(|p| p.lens != self.navigation.lens());
+        self.anchor_wanted = (unknown && stale).then_some(pixel);
+        self.navigation.begin(drag, pixel, anchor);
+        self.motion.note(now);
+    }
+
+    /// The cursor was dragged to a pixel.
+    pub fn drag_to(&mut self, pixel: DVec2, now: Instant) {
+        if self.navigation.drag() == Some(Drag::Pan) && self.anchor_wanted.is_some() {
+            self.anchor_wanted = Some(pixel);
+        }
+        self.navigation.drag_to(pixel);
+        self.motion.note(now);
+    }
+
+    /// The drag is over.
+    pub fn end_drag(&mut self) {
+        self.anchor_wanted = None;
+        self.navigation.end();
+    }
+
+    /// Approaches what is under a pixel by notches.
+    pub fn zoom(&mut self, pixel: DVec2, steps: f64, now: Instant) {
+        let anchor = self.point_under(pixel);
+        self.navigation.zoom(pixel, anchor, steps);
+        self.motion.note(now);
+    }
+
+    /// Brings what is under a pixel to the middle.
+    pub fn centre(&mut self, pixel: DVec2, now: Instant) {
+        if let Some(point) = self.point_under(pixel) {
+            self.navigation.centre(point);
+            self.motion.note(now);
+        }
+    }
+
+    /// Does what a key or a button asks for.
+    pub fn act(&mut self, action: Action, now: Instant) {
+        let middle = self.navigation.lens().size / 2.0;
+        match action {
+            Action::Fit => self.navigation.fit(),
+            Action::Home => self.navigation.home(),
+            Action::NamedView(number) => self.navigation.named_view(number),
+            Action::ToggleParallel => self.navigation.toggle_parallel(),
+            Action::ToggleFlying => self.navigation.toggle_flying(),
+            Action::ToggleRecording => self.toggle_recording(now),
+            Action::LightPreset(number) => {
+                if let Some((_, light)) = PRESETS.get(number) {
+                    self.settings.light = *light;
+                }
+            }
+            Action::Turn(right, up) => self.navigation.turn(right.into(), up.into()),
+            Action::Zoom(steps) => self.zoom(middle, steps.into(), now),
+            Action::TogglePanel => self.settings.panel_open = !self.settings.panel_open,
+            Action::ToggleHelp => self.settings.help_open = !self.settings.help_open,
+            Action::Leave => {
+                if self.settings.help_open {
+                    self.settings.help_open = false;
+                } else if self.navigation.is_flying() {
+                    self.navigation.toggle_flying();
+                }
+            }
+            Action::DismissProblem => {
+                if !self.problems.is_empty() {
+                    self.problems.remove(0);
+                }
+            }
+            Action::Quit => self.quit = true,
+        }
+        if matches!(action, Action::Turn(..)) || self.navigation.is_moving() {
+            self.motion.note(now);
+        }
+    }
+
+    /// What the panel shows.
+    pub fn readings(&self, gpu: &Gpu, now: Instant) -> Readings {
+        let shown =
+            self.drawn.map_or(self.settings.error_threshold_px, |(s, _)| s.error_threshold_px);
+        Readings {
+            adapter: gpu.describe(),
+            software: gpu.info.device_type == wgpu::DeviceType::Cpu,
+            stats: self.stats,
+            frame_ms: self.clock.last_ms(),
+            frames_per_sec: self.clock.frames_per_sec(),
+            error_threshold_px: shown,
+            raised: shown > self.settings.error_threshold_px * 1.001,
+            loading: self.is_loading(),
+            resident_bytes: self.models[0].resident_bytes(),
+            bytes_read: self.models[0].bytes_read(),
+            parallel: self.navigation.is_parallel(),
+            flying: self.navigation.is_flying(),
+            recording_secs: self.recording.as_ref().map(|r| r.secs(now)),
+            recorded: self.recorded.clone(),
+            problem: self.problems.first().map(|p| (p.clone(), self.problems.len())),
+        }
+    }
+
+    /// A depth that has arrived serves the gesture that waits for it, and flying.
+    fn take_depth(&mut self) {
+        if !self.depth.poll() {
+            return;
+        }
+        let Some(picture) = self.depth.latest() else { return };
+        if let Some(pixel) = self.anchor_wanted.take()
+            && let Some(depth) = picture.depth_at(pixel)
+        {
+            self.navigation.set_anchor(picture.lens.point_at(pixel, depth));
+        }
+        let middle = picture.lens.size / 2.0;
+        if let Some(depth) = picture.depth_at(middle) {
+            let point = picture.lens.point_at(middle, depth);
+            self.navigation.surface_ahead(self.navigation.lens().depth_of(point));
+        }
+    }
+
+    fn viewpoint(&self) -> (DVec3, DVec3) {
+        self.navigation.viewpoint()
+    }
+
+    fn toggle_recording(&mut self, now: Instant) {
+        let (eye, target) = self.viewpoint();
+        let framing: Framing = *self.navigation.framing();
+        let Some(recording) = self.recording.take() else {
+            self.recording = Some(Recording::begin(now, &framing, eye, target));
+            self.recorded = None;
+            return;
+        };
+        let stem = self.models[0].path().file_stem().unwrap_or_default().to_string_lossy();
+        let name = format!("{stem}-path");
+        let saved = recording
+            .finish(&name, &framing, self.navigation.fov_y())
+            .ok_or_else(|| RenderError::Usage("the recording was too short".into()))
+            .and_then(|path| save_new(Path::new(""), &name, path));
+        match saved {
+            Ok(file) => self.recorded = Some(format!("saved {}", absolute(&file).display())),
+            Err(error) => self.problems.insert(0, format!("camera path: {error}")),
+        }
+    }
+}
+
+fn absolute(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
+}

@@ -1,0 +1,56 @@
+//! What a viewer can set, apart from where they stand.
+
+use glam::Vec3;
+
+use super::light::{LightAngles, UPPER_LEFT};
+use crate::camera::Camera;
+use crate::scene::{BACKGROUND, Material, Representation, Shot};
+
+/// Looks and precision.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// τ at rest, in pixels of the screen.
+    pub error_threshold_px: f64,
+    /// Which hierarchy.
+    pub representation: Representation,
+    /// Where light comes from.
+    pub light: LightAngles,
+    /// How surfaces look.
+    pub material: Material,
+    /// Linear light of the background.
+    pub background: [f32; 3],
+    /// Whether the panel is shown.
+    pub panel_open: bool,
+    /// Whether the help is shown.
+    pub help_open: bool,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings {
+            error_threshold_px: 1.0,
+            representation: Representation::default(),
+            light: UPPER_LEFT,
+            material: Material::default(),
+            background: BACKGROUND.to_array(),
+            panel_open: true,
+            help_open: false,
+        }
+    }
+}
+
+impl Settings {
+    /// The picture that `camera` takes, with τ multiplied by `tau_factor`.
+    pub fn shot(&self, camera: Camera, tau_factor: f64) -> Shot {
+        Shot {
+            camera,
+            light: self.light.light(&camera),
+            material: self.material,
+            background: Vec3::from_array(self.background),
+            representation: self.representation,
+            error_threshold_px: self.error_threshold_px * tau_factor,
+            draw_backs: false,
+            backs_magenta: false,
+        }
+    }
+}

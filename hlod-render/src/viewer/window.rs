@@ -1,0 +1,376 @@
+//! The window: one frame as an outline, and when there is one.
+//!
+//! At most one frame is under way; a thread waits for the GPU and wakes the window when it is
+//! done. Nothing is drawn while nothing changes: a still picture costs nothing.
+
+use std::path::Path;
+use std::sync::{Arc, mpsc};
+use std::time::{Duration, Instant};
+
+use glam::DVec2;
+use winit::application::ApplicationHandler;
+use winit::dpi::PhysicalSize;
+use winit::event::WindowEvent;
+use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy};
+use winit::window::{Window, WindowId};
+
+use super::ViewOptions;
+use super::gui::{Gui, Laid, Scene};
+use super::input::Input;
+use super::light::LightAngles;
+use super::navigation::Navigation;
+use super::panel;
+use super::screen::Screen;
+use super::session::Session;
+use super::settings::Settings;
+use crate::error::RenderError;
+use crate::framing::Framing;
+use crate::gpu::Gpu;
+use crate::model::Model;
+use crate::scene::Material;
+
+/// While parts are on their way and nothing moves, how often to look what has arrived.
+const LOADING_INTERVAL: Duration = Duration::from_millis(40);
+/// Narrower windows, in points, begin with the panel hidden.
+const PANEL_WINDOW_WIDTH: f64 = 900.0;
+
+/// What wakes the window besides the window system.
+#[derive(Debug)]
+pub enum Wake {
+    /// The frame under way is done.
+    FrameDone(Instant),
+    /// The GPU is gone.
+    Failed(String),
+}
+
+/// The program with a window, before and after the window is there.
+pub struct App {
+    options: ViewOptions,
+    proxy: EventLoopProxy<Wake>,
+    open: Option<Open>,
+    /// Why the program ends early.
+    pub error: Option<RenderError>,
+}
+
+struct Open {
+    window: Arc<Window>,
+    screen: Screen,
+    gpu: Arc<Gpu>,
+    gui: Gui,
+    scene: Scene,
+    session: Session,
+    input: Input,
+    under_way: Option<Frame>,
+    to_watch: mpsc::Sender<wgpu::SubmissionIndex>,
+    /// Something changed while a frame was under way.
+    redraw_wanted: bool,
+    /// The last frame was drawn at rest and its numbers are shown.
+    settled: bool,
+    last_frame: Instant,
+    gui_again: Option<Instant>,
+    laid: Option<Laid>,
+    leave_at: Option<Instant>,
+}
+
+/// A frame on the GPU.
+#[derive(Debug, Clone, Copy)]
+struct Frame {
+    begun: Instant,
+    /// Time spent waiting for the display.
+    waited: Duration,
+    drew_statue: bool,
+    moving: bool,
+}
+
+impl App {
+    /// Opens its window when the event loop runs.
+    pub fn new(options: ViewOptions, proxy: EventLoopProxy<Wake>) -> App {
+        App { options, proxy, open: None, error: None }
+    }
+
+    fn attempt<T>(
+        &mut self,
+        event_loop: &ActiveEventLoop,
+        work: impl FnOnce(&mut App) -> Result<T, RenderError>,
+    ) -> Option<T> {
+        match work(self) {
+            Ok(value) => Some(value),
+            Err(error) => {
+                self.error.get_or_insert(error);
+                event_loop.exit();
+                None
+            }
+        }
+    }
+}
+
+impl ApplicationHandler<Wake> for App {
+    fn resumed(&mut self, event_loop: &ActiveEventLoop) {
+        if self.open.is_none() {
+            self.open =
+                self.attempt(event_loop, |app| Open::new(event_loop, &app.options, &app.proxy));
+        }
+    }
+
+    fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        self.attempt(event_loop, |app| match &mut app.open {
+            Some(open) => open.on_event(&event),
+            None => Ok(()),
+        });
+    }
+
+    fn user_event(&mut self, event_loop: &ActiveEventLoop, wake: Wake) {
+        self.attempt(event_loop, |app| match (wake, &mut app.open) {
+            (Wake::FrameDone(when), Some(open)) => {
+                open.frame_done(when);
+                Ok(())
+            }
+            (Wake::Failed(why), Some(open)) => Err(open.gpu.error(why)),
+            (_, None) => Ok(()),
+        });
+    }
+
+    fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
+        let Some(open) = &mut self.open else { return };
+        let now = Instant::now();
+        let leaving = open.session.quit || open.leave_at.is_some_and(|at| now >= at);
+        if leaving {
+            let screenshot = self.options.screenshot.clone();
+            self.attempt(event_loop, |app| match (&mut app.open, screenshot) {
+                (Some(open), Some(file)) => open.save_screenshot(&file),
+                _ => Ok(()),
+            });
+            event_loop.exit();
+            return;
+        }
+        event_loop.set_control_flow(open.schedule(now));
+    }
+}
+
+impl Open {
+    fn new(
+        event_loop: &ActiveEventLoop,
+        options: &ViewOptions,
+        proxy: &EventLoopProxy<Wake>,
+    ) -> Result<Open, RenderError> {
+        // Open the window and an adapter that can draw in it.
+        let name = options.file.file_name().unwrap_or_default().to_string_lossy();
+        let attributes = Window::default_attributes()
+            .with_title(format!("{name} – hlod-render"))
+            .with_inner_size(PhysicalSize::new(options.size.0, options.size.1))
+            .with_min_inner_size(PhysicalSize::new(200, 150));
+        let window =
+            event_loop.create_window(attributes).map_err(|e| RenderError::Window(e.to_string()))?;
+        let window = Arc::new(window);
+        let display = event_loop.owned_display_handle();
+        let (screen, gpu) = Screen::open(display, window.clone(), options.adapter)?;
+        let gpu = Arc::new(gpu);
+
+        // Open the model and stand before it.
+        let model = Model::open(&gpu, &options.file, options.limits)?;
+        let (width, height) = screen.size();
+        let size = DVec2::new(width.into(), height.into());
+        let navigation = Navigation::new(Framing::of(&model), options.camera, size);
+        let points = f64::from(width) / window.scale_factor();
+        let defaults = Settings::default();
+        let settings = Settings {
+            error_threshold_px: options.error_threshold_px,
+            representation: options.representation,
+            light: options.light.map_or(defaults.light, |(a, e)| LightAngles::new(a, e)),
+            material: Material::default(),
+            panel_open: points >= PANEL_WINDOW_WIDTH,
+            ..defaults
+        };
+        let session = Session::new(&gpu, model, navigation, settings);
+
+        // Prepare what is drawn into, and who waits for it.
+        let scene = Scene::new(&gpu, width, height);
+        let gui = Gui::new(&gpu, &window, screen.format(), &scene);
+        let to_watch = watch(gpu.clone(), proxy.clone());
+        let now = Instant::now();
+        window.request_redraw();
+        Ok(Open {
+            window,
+            screen,
+            gpu,
+            gui,
+            scene,
+            session,
+            input: Input::default(),
+            under_way: None,
+            to_watch,
+            redraw_wanted: true,
+            settled: false,
+            last_frame: now,
+            gui_again: None,
+            laid: None,
+            leave_at: options.exit_after.map(|after| now + after),
+        })
+    }
+
+    fn on_event(&mut self, event: &WindowEvent) -> Result<(), RenderError> {
+        let now = Instant::now();
+        match event {
+            WindowEvent::RedrawRequested => return self.redraw(now),
+            WindowEvent::CloseRequested => self.session.quit = true,
+            WindowEvent::Resized(size) => {
+                self.screen.resize(&self.gpu, *size);
+                self.session.motion.note(now);
+                self.want_redraw();
+            }
+            WindowEvent::Occluded(false) => self.want_redraw(),
+            _ => {}
+        }
+        let (for_panel, panel_changed) = self.gui.on_event(&self.window, event);
+        if matches!(event, WindowEvent::MouseInput { .. }) && !for_panel {
+            self.gui.release_keyboard();
+        }
+        // What a drag began with belongs to it; the cursor's place is always of interest.
+        let always = self.input.is_dragging()
+            || matches!(event, WindowEvent::CursorMoved { .. } | WindowEvent::ModifiersChanged(_));
+        let changed = (!for_panel || always) && self.input.on_event(event, &mut self.session, now);
+        if changed || panel_changed {
+            self.want_redraw();
+        }
+        Ok(())
+    }
+
+    /// One frame.
+    fn redraw(&mut self, now: Instant) -> Result<(), RenderError> {
+        if self.under_way.is_some() {
+            self.redraw_wanted = true;
+            return Ok(());
+        }
+        self.redraw_wanted = false;
+
+        // Move on and lay out the panel.
+        self.session.advance(now);
+        let laid = self.lay_out(now);
+
+        // Give the statue what room the panel leaves.
+        let targets = &self.scene.targets;
+        let size = self.session.navigation.lens().size.as_uvec2();
+        if (targets.width(), targets.height()) != (size.x, size.y) {
+            self.scene = Scene::new(&self.gpu, size.x, size.y);
+            self.gui.set_scene(&self.gpu, &self.scene);
+        }
+
+        // Draw the statue, then everything onto the screen.
+        let before = Instant::now();
+        let acquired = self.screen.acquire(&self.gpu)?;
+        let waited = before.elapsed();
+        let laid = self.laid.insert(laid);
+        self.gui.upload(&self.gpu, laid);
+        let Some(texture) = acquired else { return Ok(()) };
+        let moving = self.session.motion.is_moving(now);
+        let drew_statue = self.session.draw(&self.gpu, &self.scene, now)?;
+        let submission = self.gui.paint(&self.gpu, laid, &texture.texture);
+        self.window.pre_present_notify();
+        self.gpu.queue.present(texture);
+
+        // Wait for it elsewhere.
+        self.under_way = Some(Frame { begun: now, waited, drew_statue, moving });
+        self.settled = !moving && !drew_statue;
+        self.last_frame = now;
+        self.to_watch.send(submission).map_err(|_| self.gpu.error("nobody waits for frames"))
+    }
+
+    /// Lays out the panel, and does what was asked for in it.
+    fn lay_out(&mut self, now: Instant) -> Laid {
+        let readings = self.session.readings(&self.gpu, now);
+        let (gui, settings) = (&mut self.gui, &mut self.session.settings);
+        let scene = gui.scene_id();
+        let mut actions = Vec::new();
+        let mut rect = egui::Rect::NOTHING;
+        let mut pixels_per_point = 1.0;
+        let laid = gui.run(&self.window, |ui| {
+            pixels_per_point = ui.pixels_per_point();
+            rect = panel::show(ui, settings, &readings, scene, &mut actions);
+        });
+        self.gui_again =
+            now.checked_add(laid.again_after).filter(|_| laid.again_after < Duration::MAX);
+        self.gui.statue = rect;
+        for action in actions {
+            self.session.act(action, now);
+            self.redraw_wanted = true;
+        }
+
+        let pixels = |v: egui::Vec2| {
+            let v = (v * pixels_per_point).round();
+            DVec2::new(v.x.into(), v.y.into())
+        };
+        let limit = f64::from(self.gpu.device.limits().max_texture_dimension_2d);
+        self.input.origin = pixels(rect.min.to_vec2());
+        self.session.navigation.resize(pixels(rect.size()).clamp(DVec2::ONE, DVec2::splat(limit)));
+        laid
+    }
+
+    fn frame_done(&mut self, when: Instant) {
+        let Some(frame) = self.under_way.take() else { return };
+        if frame.drew_statue {
+            let took = when.saturating_duration_since(frame.begun).saturating_sub(frame.waited);
+            self.session.frame_finished(when, took.as_secs_f64() * 1e3, frame.moving);
+        }
+        if self.redraw_wanted {
+            self.window.request_redraw();
+        }
+    }
+
+    fn want_redraw(&mut self) {
+        self.redraw_wanted = true;
+        self.settled = false;
+        if self.under_way.is_none() {
+            self.window.request_redraw();
+        }
+    }
+
+    /// Asks for the next frame if it is due, and says until when nothing is.
+    fn schedule(&mut self, now: Instant) -> ControlFlow {
+        if self.under_way.is_some() {
+            return ControlFlow::Wait;
+        }
+        let session = &self.session;
+        let moving = session.motion.is_moving(now);
+        // After a motion: once more in full, and then once more for its numbers in the panel.
+        let rest = if moving { session.motion.rest_at() } else { (!self.settled).then_some(now) };
+        let arriving = session.is_loading().then(|| self.last_frame + LOADING_INTERVAL);
+        let at_once = (self.redraw_wanted || session.navigation.is_moving()).then_some(now);
+        let next = [rest, arriving, at_once, session.recording_due(), self.gui_again];
+        let next = next.into_iter().flatten().min();
+        if next.is_some_and(|at| at <= now) {
+            self.gui_again = None;
+            self.window.request_redraw();
+        }
+        match next.filter(|at| *at > now).into_iter().chain(self.leave_at).min() {
+            Some(at) => ControlFlow::WaitUntil(at),
+            None => ControlFlow::Wait,
+        }
+    }
+
+    fn save_screenshot(&mut self, file: &Path) -> Result<(), RenderError> {
+        let Some(laid) = &self.laid else {
+            return Err(RenderError::Window("nothing was shown yet".into()));
+        };
+        let (size, format) = (self.screen.size(), self.screen.format());
+        self.gui.screenshot(&self.gpu, laid, size, format)?.save(file)
+    }
+}
+
+/// Waits for submissions on a thread and tells the window.
+fn watch(gpu: Arc<Gpu>, proxy: EventLoopProxy<Wake>) -> mpsc::Sender<wgpu::SubmissionIndex> {
+    let (sender, submissions) = mpsc::channel();
+    std::thread::spawn(move || {
+        for submission in submissions {
+            let wait = wgpu::PollType::Wait { submission_index: Some(submission), timeout: None };
+            let wake = match gpu.device.poll(wait) {
+                Ok(_) => Wake::FrameDone(Instant::now()),
+                Err(error) => Wake::Failed(error.to_string()),
+            };
+            // The window is gone: nobody needs to know.
+            if proxy.send_event(wake).is_err() {
+                return;
+            }
+        }
+    });
+    sender
+}
