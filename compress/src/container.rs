@@ -173,7 +173,6 @@ fn block_bytes(block: &SkeletonBlock) -> u64 {
 
 /// Fills blocks breadth first; children that do not fit start a block of their own.
 /// `.1[i]` holds a pair (node of block i, index of the block with that node's children).
-#[expect(clippy::type_complexity, reason = "a pair used once")]
 fn partition_into_blocks(
     by_cell: &mut BTreeMap<CellKey, NodeRecord>,
 ) -> (Vec<SkeletonBlock>, Vec<Vec<(usize, usize)>>) {

@@ -254,9 +254,11 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    type Corner = ([i32; 3], OctNormal, [u8; 4]);
+
     /// Geometry as a sorted list of triangles with their corners' values, rotated to a canonical
     /// first corner: what must survive coding whatever the order.
-    fn canonical(mesh: &Mesh) -> Vec<[([i32; 3], OctNormal, [u8; 4]); 3]> {
+    fn canonical(mesh: &Mesh) -> Vec<[Corner; 3]> {
         let corner = |v: u32| {
             let v = v as usize;
             (mesh.positions[v], mesh.normals[v], mesh.colours.get(v).copied().unwrap_or_default())

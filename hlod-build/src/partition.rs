@@ -250,9 +250,9 @@ mod tests {
         let mut sum = [0i128; 3];
         for t in &mesh.triangles {
             let [a, b, c] = t.map(|v| mesh.positions[v as usize].map(i128::from));
-            for i in 0..3 {
+            for (i, sum) in sum.iter_mut().enumerate() {
                 let (j, k) = ((i + 1) % 3, (i + 2) % 3);
-                sum[i] += (b[j] - a[j]) * (c[k] - a[k]) - (b[k] - a[k]) * (c[j] - a[j]);
+                *sum += (b[j] - a[j]) * (c[k] - a[k]) - (b[k] - a[k]) * (c[j] - a[j]);
             }
         }
         sum

@@ -248,7 +248,11 @@ impl Search<'_> {
             ChildLink::None => unreachable!("leaves were handled above"),
             ChildLink::Nodes { first, count } => {
                 // All children are visited, so that all that is missing is asked for.
-                (first..first + count).fold(true, |complete, child| self.visit(child) && complete)
+                let mut complete = true;
+                for child in first..first + count {
+                    complete &= self.visit(child);
+                }
+                complete
             }
             ChildLink::Unloaded(block) => {
                 self.front.wanted.push(Wanted {

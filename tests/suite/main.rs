@@ -1,1 +1,6 @@
+//! Tests that need more than one crate.
 
+mod build;
+mod documents;
+mod pictures;
+mod programs;

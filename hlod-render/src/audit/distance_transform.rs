@@ -104,7 +104,7 @@ mod tests {
                 })
                 .collect();
             let found = squared_distances(width, height, |p| members[p]);
-            for p in 0..width * height {
+            for (p, &distance) in found.iter().enumerate() {
                 let brute = (0..width * height)
                     .filter(|&m| members[m])
                     .map(|m| {
@@ -113,7 +113,7 @@ mod tests {
                         dx * dx + dy * dy
                     })
                     .fold(f32::INFINITY, f32::min);
-                assert_eq!(found[p], brute, "pixel {p}, seed {seed}");
+                assert_eq!(distance, brute, "pixel {p}, seed {seed}");
             }
         }
         assert!(squared_distances(0, 0, |_| true).is_empty());

@@ -148,11 +148,11 @@ fn without_a_known_depth_zoom_approaches_what_was_looked_at() {
 fn fit_and_named_views_show_everything() {
     for parallel in [false, true] {
         let mut n = navigation(parallel);
-        for number in 0..NAMED_VIEWS.len() {
+        for (number, (_, direction)) in NAMED_VIEWS.iter().enumerate() {
             n.named_view(number);
             settle(&mut n);
             assert_all_seen(&n);
-            let camera = n.framing().fitting(NAMED_VIEWS[number].1, SIZE.x / SIZE.y, FOV_Y_DEG);
+            let camera = n.framing().fitting(*direction, SIZE.x / SIZE.y, FOV_Y_DEG);
             let (expected, axes) = (camera.axes(), n.camera().axes());
             assert!((0..3).all(|i| expected[i].distance(axes[i]) < 1e-6), "{number}: {axes:?}");
         }

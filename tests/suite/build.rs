@@ -1,0 +1,134 @@
+//! What the builder writes is what it read, and says the truth about it.
+
+use hlod_build::progress::Silent;
+use hlod_build::{Selection, export, info, verify};
+use hlod_compress::RepresentationKind;
+use hlod_tests::{built, bumpy_ball, scan};
+
+#[test]
+fn a_ball_is_built_verified_and_exported() {
+    let folder = tempfile::tempdir().unwrap();
+    let [ply, hlod, out] = ["ball.ply", "ball.hlod", "out.ply"].map(|n| folder.path().join(n));
+    std::fs::write(&ply, bumpy_ball(120)).unwrap();
+    let report = built(&ply, &hlod, |o| {
+        o.leaf_triangles = 1500;
+        o.resolution = 64;
+    });
+    assert!(report.closed_oriented);
+
+    let info = info(&hlod).unwrap();
+    assert_eq!(info.triangles_input, report.triangles_input);
+    let parts = info.bytes_leaves
+        + info.bytes_appearance_upper
+        + info.bytes_geometric_upper
+        + info.bytes_skeleton;
+    assert_eq!(parts, std::fs::metadata(&hlod).unwrap().len());
+    assert!(info.levels.len() >= 3);
+
+    let verified = verify(&hlod, &[ply.clone()], &Silent).unwrap();
+    assert!(!verified.is_refuted(), "{:?}", verified.problems);
+    assert!(verified.representations_sampled > 2);
+
+    // The leaves come back as a closed surface with the scan's number of whole triangles or more.
+    let report =
+        export(&hlod, &out, Selection::Leaves, RepresentationKind::Appearance, false).unwrap();
+    let again = hlod_scan::load(&[out.clone()], &mut |_, _| {}).unwrap();
+    assert_eq!(again.triangles.len() as u64, report.triangles);
+    assert!(report.triangles >= info.triangles_input - verified.nodes);
+    let coarse =
+        export(&hlod, &out, Selection::MaxTriangles(2000), RepresentationKind::Geometric, true)
+            .unwrap();
+    assert!(coarse.triangles <= 2000 && coarse.error_max > 0.0);
+}
+
+#[test]
+fn the_same_input_gives_the_same_bytes_whatever_the_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let ply = folder.path().join("ball.ply");
+    std::fs::write(&ply, bumpy_ball(90)).unwrap();
+    let bytes = |threads: usize| {
+        let out = folder.path().join(format!("{threads}.hlod"));
+        let pool = rayon_pool(threads);
+        pool.install(|| built(&ply, &out, |o| o.leaf_triangles = 1000));
+        std::fs::read(out).unwrap()
+    };
+    assert!(bytes(1) == bytes(3), "one thread and three write different files");
+}
+
+fn rayon_pool(threads: usize) -> rayon::ThreadPool {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap()
+}
+
+#[test]
+fn units_and_places_do_not_matter() {
+    let folder = tempfile::tempdir().unwrap();
+    let ball = bumpy_ball(80);
+    let triangles = |name: &str, scale: f64, offset: f64| {
+        let ply = folder.path().join(format!("{name}.ply"));
+        let text: String = ball
+            .replace("property float", "property double")
+            .lines()
+            .map(|line| {
+                let place = |w: &str| {
+                    let value = w.contains('.').then(|| w.parse::<f64>().ok()).flatten()?;
+                    Some(format!("{:.9}", value * scale + offset))
+                };
+                let moved: Option<Vec<String>> = line.split(' ').map(place).collect();
+                moved.filter(|m| m.len() == 3).map_or(line.to_owned(), |m| m.join(" ")) + "\n"
+            })
+            .collect();
+        std::fs::write(&ply, text).unwrap();
+        let out = folder.path().join(format!("{name}.hlod"));
+        built(&ply, &out, |o| o.leaf_triangles = 1000);
+        let root = &info(&out).unwrap().levels[0];
+        (root.triangles_mean, root.error_max / scale)
+    };
+    let (count, error) = triangles("as it is", 1.0, 0.0);
+    for (name, scale, offset) in [("scaled", 1000.0, 0.0), ("moved", 1.0, 10_000.0)] {
+        let (other, other_error) = triangles(name, scale, offset);
+        assert!((other / count - 1.0).abs() <= 0.01, "{name}: {other} triangles, {count} unmoved");
+        assert!((other_error / error - 1.0).abs() <= 0.05, "{name}: error {other_error}, {error}");
+    }
+}
+
+#[test]
+fn the_bunny_with_its_holes_is_what_it_was() {
+    let name = "the_bunny_with_its_holes_is_what_it_was";
+    let Some(bunny) = scan(name, "bunny/bun_zipper.ply") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let hlod = folder.path().join("bunny.hlod");
+    let report = built(&bunny, &hlod, |_| {});
+    assert_eq!(report.triangles_input, 69_451);
+    assert!(!report.closed_oriented);
+    let verified = verify(&hlod, &[bunny], &Silent).unwrap();
+    assert!(!verified.is_refuted(), "{:?}", verified.problems);
+}
+
+/// A file whose stored error is a lie is refuted.
+#[test]
+fn a_planted_error_that_is_too_small_is_caught() {
+    use hlod_compress::{FileWriter, FormatError, HlodFile};
+    let folder = tempfile::tempdir().unwrap();
+    let [ply, hlod, lie] = ["b.ply", "b.hlod", "lie.hlod"].map(|n| folder.path().join(n));
+    std::fs::write(&ply, bumpy_ball(90)).unwrap();
+    built(&ply, &hlod, |o| {
+        o.leaf_triangles = 1500;
+        o.resolution = 32;
+    });
+    let file = HlodFile::open(&hlod).unwrap();
+    let mut nodes = file.read_skeleton().unwrap();
+    let honest = nodes.clone();
+    nodes[0].representations[0].errors.geometric *= 0.8;
+    let writer = FileWriter::new(file.header().clone(), nodes).unwrap();
+    let mut bytes = Vec::new();
+    writer
+        .write::<FormatError>(&mut bytes, |cell, kind| {
+            let node = honest.iter().find(|n| n.cell == cell).unwrap();
+            file.read_page(node.representations.iter().find(|r| r.kind == kind).unwrap().page)
+        })
+        .unwrap();
+    std::fs::write(&lie, bytes).unwrap();
+    assert!(!verify(&hlod, &[], &Silent).unwrap().is_refuted());
+    let caught = verify(&lie, &[], &Silent).unwrap();
+    assert_eq!(caught.nodes_over_bound, 1, "{:?}", caught.problems);
+}

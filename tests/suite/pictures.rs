@@ -1,0 +1,183 @@
+//! What is drawn: analytic truth on a ball, audits against the scan.
+
+use glam::DVec3;
+use hlod_render::audit::{AuditOptions, audit};
+use hlod_render::framing::{FOV_Y_DEG, Framing};
+use hlod_render::picture::{Canvas, PICTURE_FORMAT, take};
+use hlod_render::scene::{BACKGROUND, Light, Material, Representation, Shot, light_from_angles};
+use hlod_render::{Gpu, Model, ModelLimits, frame::Renderer};
+use hlod_tests::{built, bumpy_ball, gpu, scan};
+
+struct Ball {
+    gpu: Gpu,
+    models: [Model; 1],
+    framing: Framing,
+    folder: tempfile::TempDir,
+}
+
+fn ball(n: u32) -> Ball {
+    let folder = tempfile::tempdir().unwrap();
+    let [ply, hlod] = ["ball.ply", "ball.hlod"].map(|f| folder.path().join(f));
+    std::fs::write(&ply, bumpy_ball(n)).unwrap();
+    built(&ply, &hlod, |o| o.leaf_triangles = 1500);
+    let gpu = gpu();
+    let model = Model::open(&gpu, &hlod, ModelLimits::default()).unwrap();
+    let framing = Framing::of(&model);
+    Ball { gpu, models: [model], framing, folder }
+}
+
+fn shot(framing: &Framing, representation: Representation) -> Shot {
+    let camera = framing.fitting([0.0, 0.0, 1.0], 1.0, FOV_Y_DEG);
+    Shot {
+        camera,
+        light: light_from_angles(&camera, -45.0, 30.0),
+        material: Material::default(),
+        background: BACKGROUND,
+        representation,
+        error_threshold_px: 0.5,
+        draw_backs: false,
+        backs_magenta: false,
+    }
+}
+
+#[test]
+fn a_ball_is_round_lit_from_the_light_and_covers_what_it_should() {
+    let mut b = ball(100);
+    let size = 200;
+    for representation in [Representation::Hybrid, Representation::Geometric, Representation::Full]
+    {
+        let shot = shot(&b.framing, representation);
+        let (picture, stats) = take(&b.gpu, &mut b.models, &shot, size, size, 1).unwrap();
+        assert!(stats.triangles > 0 && stats.tau_ratio_max <= 1.0);
+        let luma = |x: u32, y: u32| u32::from(picture.rgba[4 * (y * size + x) as usize + 1]);
+        // Light comes from the upper left: brighter there than on the opposite side.
+        assert!(luma(60, 70) > luma(140, 130) + 60, "{} {}", luma(60, 70), luma(140, 130));
+        // A sphere of radius 1 at distance d covers a disc of tangent 1/√(d² − 1).
+        let distance = shot.camera.eye.distance(b.framing.centre);
+        let radius =
+            1.0 / (distance * distance - 1.0).sqrt() / (FOV_Y_DEG.to_radians() / 2.0).tan();
+        let expected = std::f64::consts::PI * (radius * f64::from(size) / 2.0).powi(2);
+        let canvas = Canvas::new(&b.gpu, size, size).unwrap();
+        let mut renderer = Renderer::new(&b.gpu, PICTURE_FORMAT);
+        renderer.render_complete(&b.gpu, &mut b.models, &shot, &canvas.targets).unwrap();
+        let covered = canvas.identities(&b.gpu).unwrap().iter().filter(|&&id| id != 0).count();
+        // Bumps of 2 % of the radius change the area by less than 4 %.
+        assert!((covered as f64 / expected - 1.0).abs() < 0.04, "{covered} of {expected}");
+    }
+}
+
+#[test]
+fn shading_is_lambert_where_it_should_be() {
+    let mut b = ball(100);
+    let mut shot = shot(&b.framing, Representation::Full);
+    shot.material = Material { albedo: glam::Vec3::ONE, highlight: 0.0, ambient: 0.0 };
+    // Light from the eye: the middle faces it, the brightness falls with the cosine.
+    shot.light = Light::Directional(DVec3::Z);
+    let size = 256;
+    let (picture, _) = take(&b.gpu, &mut b.models, &shot, size, size, 1).unwrap();
+    let linear = |x: u32, y: u32| {
+        hlod_compress::srgb::linear_from_srgb(picture.rgba[4 * (y * size + x) as usize])
+    };
+    assert!(linear(128, 128) > 0.95, "{}", linear(128, 128));
+    // Halfway to the rim (by the sine) the cosine is 0.866; bumps tilt normals by up to 10°.
+    let distance = shot.camera.eye.distance(b.framing.centre);
+    let tangent = (FOV_Y_DEG.to_radians() / 2.0).tan();
+    let (sin, cos) = (0.5, 0.75f64.sqrt());
+    let x = 128.0 * (1.0 + sin / (distance - cos) / tangent);
+    assert!((f64::from(linear(x as u32, 128)) - cos).abs() < 0.12, "{}", linear(x as u32, 128));
+}
+
+#[test]
+fn cold_frames_never_wait_and_fill_up() {
+    let mut b = ball(140);
+    let shot = shot(&b.framing, Representation::Full);
+    let canvas = Canvas::new(&b.gpu, 128, 128).unwrap();
+    let mut renderer = Renderer::new(&b.gpu, PICTURE_FORMAT);
+    // The root is there from the start; everything else arrives while frames go on.
+    let first = renderer.render(&b.gpu, &mut b.models, &shot, &canvas.targets).unwrap();
+    assert_eq!(first.nodes, 1);
+    assert!(first.missing_parts > 0);
+    let mut last = first;
+    for _ in 0..2000 {
+        last = renderer.render(&b.gpu, &mut b.models, &shot, &canvas.targets).unwrap();
+        if last.missing_parts == 0 {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    assert_eq!(last.missing_parts, 0);
+    assert!(last.nodes > 4 && last.triangles > first.triangles);
+}
+
+#[test]
+fn a_damaged_page_is_drawn_by_its_ancestor_and_reported_once() {
+    let b = ball(120);
+    let hlod = b.folder.path().join("ball.hlod");
+    let mut bytes = std::fs::read(&hlod).unwrap();
+    // The last page belongs to a leaf.
+    let at = bytes.len() - 10;
+    bytes[at] ^= 0xff;
+    std::fs::write(&hlod, bytes).unwrap();
+    let mut models = [Model::open(&b.gpu, &hlod, ModelLimits::default()).unwrap()];
+    let mut covered = 0;
+    for direction in [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]] {
+        let mut shot = shot(&b.framing, Representation::Full);
+        shot.camera = b.framing.fitting(direction, 1.0, FOV_Y_DEG);
+        let (picture, stats) = take(&b.gpu, &mut models, &shot, 100, 100, 1).unwrap();
+        assert!(stats.nodes > 0);
+        let middle = &picture.rgba[4 * (50 * 100 + 50)..][..3];
+        covered += u32::from(middle.iter().any(|&c| c > 70));
+    }
+    assert!(covered >= 3, "the ball is drawn from all sides");
+    assert_eq!(models[0].take_problems().len(), 1);
+}
+
+fn audit_of(b: &Ball, representation: Representation) -> hlod_render::audit::AuditReport {
+    let options = AuditOptions {
+        size: (160, 120),
+        views: 3,
+        path: None,
+        light: (-45.0, 30.0),
+        pictures: None,
+    };
+    let [ply, hlod] = ["ball.ply", "ball.hlod"].map(|f| b.folder.path().join(f));
+    let shot = shot(&b.framing, representation);
+    audit(&b.gpu, &hlod, &[ply], &shot, &options, &mut |_| {}).unwrap()
+}
+
+#[test]
+fn the_full_model_is_the_scan_and_levels_of_detail_are_near_it() {
+    let b = ball(140);
+    let full = audit_of(&b, Representation::Full);
+    assert_eq!((full.hole_pixels, full.overdraw_pixels), (0, 0));
+    let floor = full.appearance_distance_px.floor_p999;
+    assert!(full.appearance_distance_px.p999 <= floor + 0.5, "{full:?}");
+    assert!(full.silhouette_distance_px.p999 <= 0.25);
+    let hybrid = audit_of(&b, Representation::Hybrid);
+    assert!(hybrid.pixels_compared > 5000);
+    assert_eq!(hybrid.overdraw_pixels, 0);
+    assert!(hybrid.silhouette_distance_px.p999 <= 1.0, "{hybrid:?}");
+}
+
+#[test]
+fn the_bunny_is_drawn_where_it_is() {
+    let Some(bunny) = scan("the_bunny_is_drawn_where_it_is", "bunny/bun_zipper.ply") else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let hlod = folder.path().join("bunny.hlod");
+    built(&bunny, &hlod, |_| {});
+    let gpu = gpu();
+    let framing = Framing::of(&Model::open(&gpu, &hlod, ModelLimits::default()).unwrap());
+    let options = AuditOptions {
+        size: (160, 120),
+        views: 3,
+        path: None,
+        light: (-45.0, 40.0),
+        pictures: None,
+    };
+    let shot = shot(&framing, Representation::Hybrid);
+    let report = audit(&gpu, &hlod, &[bunny], &shot, &options, &mut |_| {}).unwrap();
+    assert_eq!(report.overdraw_pixels, 0);
+    assert!(report.silhouette_distance_px.p99 <= 1.0, "{report:?}");
+}
