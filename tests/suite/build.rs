@@ -25,14 +25,14 @@ fn a_ball_is_built_verified_and_exported() {
     assert_eq!(parts, std::fs::metadata(&hlod).unwrap().len());
     assert!(info.levels.len() >= 3);
 
-    let verified = verify(&hlod, &[ply.clone()], &Silent).unwrap();
+    let verified = verify(&hlod, std::slice::from_ref(&ply), &Silent).unwrap();
     assert!(!verified.is_refuted(), "{:?}", verified.problems);
     assert!(verified.representations_sampled > 2);
 
     // The leaves come back as a closed surface with the scan's number of whole triangles or more.
     let report =
         export(&hlod, &out, Selection::Leaves, RepresentationKind::Appearance, false).unwrap();
-    let again = hlod_scan::load(&[out.clone()], &mut |_, _| {}).unwrap();
+    let again = hlod_scan::load(std::slice::from_ref(&out), &mut |_, _| {}).unwrap();
     assert_eq!(again.triangles.len() as u64, report.triangles);
     assert!(report.triangles >= info.triangles_input - verified.nodes);
     let coarse =

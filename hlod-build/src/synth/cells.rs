@@ -70,7 +70,7 @@ impl<'l> Around<'l> {
     ///
     /// A tile without samples has one sign in all its cells (see the search's ball), so the
     /// cells round a crossing edge are always there.
-    #[inline(always)]
+    #[inline]
     fn cell(&self, local: [i32; 3]) -> Place<'l> {
         let wrapped = local.map(|v| (v & (TILE as i32 - 1)) as usize);
         let cell = (wrapped[2] * TILE + wrapped[1]) * TILE + wrapped[0];
@@ -90,7 +90,7 @@ impl<'l> Around<'l> {
 }
 
 /// Offset of corner `c` of the cell at `local` in a gathered tile.
-#[inline(always)]
+#[inline]
 fn block_place(local: [usize; 3], c: usize) -> usize {
     let (x, y, z) = (c & 1, c >> 1 & 1, c >> 2);
     ((local[2] + z) * SIDE + local[1] + y) * SIDE + local[0] + x
@@ -101,7 +101,7 @@ fn corner_at(c: usize) -> DVec3 {
 }
 
 /// Where edge `e` crosses the surface, in the cell's coordinates.
-#[inline(always)]
+#[inline]
 fn crossing(corners: &[f32; 8], e: usize) -> DVec3 {
     let [p, q] = EDGE_CORNERS[e];
     let (a, b) = (f64::from(corners[p]), f64::from(corners[q]));

@@ -47,7 +47,7 @@ pub struct Cut {
 
 impl Cut {
     /// Signed distance to the flanks of the cut, positive in the air.
-    #[inline(always)]
+    #[inline]
     fn distance<const N: usize>(&self, p: Points<N>) -> Lanes<N> {
         let ba = [self.b[0] - self.a[0], self.b[1] - self.a[1]];
         let inverse = 1.0 / (ba[0] * ba[0] + ba[1] * ba[1]);

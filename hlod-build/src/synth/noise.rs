@@ -38,7 +38,7 @@ impl Stream {
     }
 }
 
-#[inline(always)]
+#[inline]
 fn mix(mut h: u32) -> u32 {
     h ^= h >> 15;
     h = h.wrapping_add(h << 9);
@@ -48,13 +48,13 @@ fn mix(mut h: u32) -> u32 {
 }
 
 /// Seven bits of a hash as −0.5 .. 0.5.
-#[inline(always)]
+#[inline]
 fn centred(bits: u32) -> f32 {
     f32::from_bits(0x3f80_0000 | (bits & 0x7f) << 16) - 1.5
 }
 
 /// One number in 0 .. 1 for each integer that `row` rounds to.
-#[inline(always)]
+#[inline]
 pub fn row_hash(row: Lanes, seed: u32) -> Lanes {
     let bits = row.round_bits();
     let mut out = [0.0; WIDTH];
@@ -64,14 +64,14 @@ pub fn row_hash(row: Lanes, seed: u32) -> Lanes {
     Lanes(out)
 }
 
-#[inline(always)]
+#[inline]
 fn fade(t: Lanes) -> Lanes {
     t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
 }
 
 /// Gradient noise of period-free lattice spacing 1: mean 0, about −0.6 .. 0.6 (never
 /// beyond ±0.75), smooth to the second derivative, slope below 2.
-#[inline(always)]
+#[inline]
 pub fn noise(p: Points, seed: u32) -> Lanes {
     // Find the lattice cell. Rounding p − ½ to the nearest is a floor, but for ties, where
     // both neighbours give the same value.

@@ -95,7 +95,7 @@ impl Relief {
     }
 
     /// Height above the plain surface.
-    #[inline(always)]
+    #[inline]
     pub fn height(&self, p: Points) -> Lanes {
         match self {
             Relief::Folds { gather, count, height, seed } => {
@@ -125,7 +125,7 @@ impl Relief {
 
 /// Rows of gouges, 0 … 1 deep: a parabola across each row, so that ridges stay sharp, and
 /// hollow boats along it, each row beginning elsewhere.
-#[inline(always)]
+#[inline]
 fn gouges(p: Points, set: usize, pitch: f32, stroke: f32, bend: Lanes, seed: u32) -> Lanes {
     let t = p.dot(ROWS[set][0]) * (1.0 / pitch) + bend;
     let row = t.round();
@@ -140,7 +140,7 @@ fn gouges(p: Points, set: usize, pitch: f32, stroke: f32, bend: Lanes, seed: u32
 
 /// Folds between two gathering points: the curves from which both are seen under one angle
 /// are arcs of circles through both, like hanging cloth.
-#[inline(always)]
+#[inline]
 fn folds(p: Points, gather: [[f32; 2]; 2], count: f32, height: f32, seed: u32) -> Lanes {
     // The angle under which the two points are seen.
     let (ax, ay) = (-p.x + gather[0][0], -p.y + gather[0][1]);

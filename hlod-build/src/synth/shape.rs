@@ -177,7 +177,7 @@ impl Shape {
     }
 
     /// Signed distance.
-    #[inline(always)]
+    #[inline]
     pub fn distance<const N: usize>(&self, p: Points<N>) -> Lanes<N> {
         match self {
             Shape::Ellipsoid { center, axes, inverse } => {

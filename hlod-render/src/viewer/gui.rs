@@ -1,8 +1,9 @@
 //! The panel's toolkit, and putting the statue's picture and the panel on the screen together.
 //!
-//! The renderer writes linear light into a texture that encodes it as sRGB; the toolkit shows the
-//! encoded values of the same texture unchanged, one texel a pixel. So the statue's pixels in the
-//! window are those of a picture taken without one.
+//! The renderer writes linear light into a texture that encodes it as sRGB; the encoded values of
+//! the same texture are copied to the screen, and the panel is drawn beside them. So the statue's
+//! pixels in the window are those of a picture taken without one. (Drawing the picture as one
+//! large rectangle of the toolkit takes 40 ms a frame on a software rasteriser, copying it 2.)
 
 use std::time::Duration;
 
@@ -13,36 +14,35 @@ use winit::window::Window;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::passes::Targets;
-use crate::picture::{PICTURE_FORMAT, Picture};
+use crate::picture::Picture;
 
 /// A texture for the statue's picture.
 pub struct Scene {
     /// What the renderer draws into.
     pub targets: Targets,
-    /// The encoded values.
-    encoded: wgpu::TextureView,
+    texture: wgpu::Texture,
 }
 
 impl Scene {
-    /// Width and height must be at least 1 and within the adapter's limits.
-    pub fn new(gpu: &Gpu, width: u32, height: u32) -> Scene {
+    /// For a screen of this format. Width and height must be at least 1 and within the adapter's
+    /// limits.
+    pub fn new(gpu: &Gpu, format: wgpu::TextureFormat, width: u32, height: u32) -> Scene {
         let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("statue"),
             size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
             mip_level_count: 1,
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
-            format: PICTURE_FORMAT.remove_srgb_suffix(),
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
-            view_formats: &[PICTURE_FORMAT],
+            format,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[format.add_srgb_suffix()],
         });
         let linear = texture.create_view(&wgpu::TextureViewDescriptor {
-            format: Some(PICTURE_FORMAT),
+            format: Some(format.add_srgb_suffix()),
             usage: Some(wgpu::TextureUsages::RENDER_ATTACHMENT),
             ..Default::default()
         });
-        let encoded = texture.create_view(&Default::default());
-        Scene { targets: Targets::new(gpu, linear, width, height), encoded }
+        Scene { targets: Targets::new(gpu, linear, width, height), texture }
     }
 }
 
@@ -60,7 +60,6 @@ pub struct Gui {
     context: egui::Context,
     state: egui_winit::State,
     renderer: egui_wgpu::Renderer,
-    scene: egui::TextureId,
     /// In points.
     cursor: Option<egui::Pos2>,
     /// Where the statue's picture is, in points.
@@ -69,7 +68,7 @@ pub struct Gui {
 
 impl Gui {
     /// `format` is that of the screen.
-    pub fn new(gpu: &Gpu, window: &Window, format: wgpu::TextureFormat, scene: &Scene) -> Gui {
+    pub fn new(gpu: &Gpu, window: &Window, format: wgpu::TextureFormat) -> Gui {
         let context = egui::Context::default();
         // Grey surroundings do not tint what is looked at; text stands out from them.
         context.set_theme(egui::Theme::Dark);
@@ -86,27 +85,9 @@ impl Gui {
             None,
             Some(side),
         );
-        // Dithering would change the statue's pixels.
         let options = egui_wgpu::RendererOptions { dithering: false, ..Default::default() };
-        let mut renderer = egui_wgpu::Renderer::new(&gpu.device, format, options);
-        let nearest = wgpu::FilterMode::Nearest;
-        let scene = renderer.register_native_texture(&gpu.device, &scene.encoded, nearest);
-        Gui { context, state, renderer, scene, cursor: None, statue: egui::Rect::EVERYTHING }
-    }
-
-    /// Shows another texture from now on.
-    pub fn set_scene(&mut self, gpu: &Gpu, scene: &Scene) {
-        self.renderer.update_egui_texture_from_wgpu_texture(
-            &gpu.device,
-            &scene.encoded,
-            wgpu::FilterMode::Nearest,
-            self.scene,
-        );
-    }
-
-    /// The texture that shows the statue.
-    pub fn scene_id(&self) -> egui::TextureId {
-        self.scene
+        let renderer = egui_wgpu::Renderer::new(&gpu.device, format, options);
+        Gui { context, state, renderer, cursor: None, statue: egui::Rect::EVERYTHING }
     }
 
     /// Hands an event over. Says whether it was meant for the panel alone, and whether the panel
@@ -178,11 +159,14 @@ impl Gui {
         }
     }
 
-    /// Paints a frame and submits it.
+    /// Puts the statue's picture and the panel onto `target`, and submits it. The upper left
+    /// corner of the picture comes to `origin`.
     pub fn paint(
         &mut self,
         gpu: &Gpu,
         laid: &Laid,
+        scene: &Scene,
+        origin: (u32, u32),
         target: &wgpu::Texture,
     ) -> wgpu::SubmissionIndex {
         let view = target.create_view(&Default::default());
@@ -191,6 +175,15 @@ impl Gui {
             pixels_per_point: laid.pixels_per_point,
         };
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        // While a window shrinks, the picture may be larger than what it is shown in.
+        let size = wgpu::Extent3d {
+            width: scene.texture.width().min(target.width().saturating_sub(origin.0)),
+            height: scene.texture.height().min(target.height().saturating_sub(origin.1)),
+            depth_or_array_layers: 1,
+        };
+        let mut to = target.as_image_copy();
+        (to.origin.x, to.origin.y) = origin;
+        encoder.copy_texture_to_texture(scene.texture.as_image_copy(), to, size);
         let mut commands = self.renderer.update_buffers(
             &gpu.device,
             &gpu.queue,
@@ -205,10 +198,7 @@ impl Gui {
                     view: &view,
                     depth_slice: None,
                     resolve_target: None,
-                    ops: wgpu::Operations {
-                        load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
-                        store: wgpu::StoreOp::Store,
-                    },
+                    ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store },
                 })],
                 ..Default::default()
             });
@@ -226,6 +216,8 @@ impl Gui {
         &mut self,
         gpu: &Gpu,
         laid: &Laid,
+        scene: &Scene,
+        origin: (u32, u32),
         (width, height): (u32, u32),
         format: wgpu::TextureFormat,
     ) -> Result<Picture, RenderError> {
@@ -236,10 +228,12 @@ impl Gui {
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
             format,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                | wgpu::TextureUsages::COPY_SRC
+                | wgpu::TextureUsages::COPY_DST,
             view_formats: &[],
         });
-        self.paint(gpu, laid, &texture);
+        self.paint(gpu, laid, scene, origin, &texture);
         let mut rgba = gpu.read_texture(&texture, wgpu::TextureAspect::All)?;
         let blue_first = matches!(format.remove_srgb_suffix(), wgpu::TextureFormat::Bgra8Unorm);
         for pixel in rgba.chunks_exact_mut(4) {

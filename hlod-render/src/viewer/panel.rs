@@ -47,12 +47,11 @@ pub struct Readings {
     pub problem: Option<(String, usize)>,
 }
 
-/// Lays everything out round the statue's picture, and says where that is, in points.
+/// Lays everything out round the statue's picture, and says where that belongs, in points.
 pub fn show(
     ui: &mut Ui,
     settings: &mut Settings,
     readings: &Readings,
-    scene: egui::TextureId,
     actions: &mut Vec<Action>,
 ) -> egui::Rect {
     if settings.panel_open {
@@ -76,8 +75,6 @@ pub fn show(
         });
     }
     let rect = whole_pixels(ui.available_rect_before_wrap(), ui.pixels_per_point());
-    let uv = egui::Rect::from_min_max(egui::pos2(0.0, 0.0), egui::pos2(1.0, 1.0));
-    ui.painter().image(scene, rect, uv, Color32::WHITE);
     status_line(ui, rect, readings);
     corner_buttons(ui, rect, settings, actions);
     if settings.help_open {

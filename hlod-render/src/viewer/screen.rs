@@ -45,9 +45,11 @@ impl Screen {
         let capabilities = surface.get_capabilities(&adapter);
         let PhysicalSize { width, height } = window.inner_size();
         let config = wgpu::SurfaceConfiguration {
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+            // The picture is copied in, the panel drawn.
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_DST,
             format: preferred_format(&capabilities.formats)
-                .ok_or_else(|| gpu.error("cannot show anything in a window"))?,
+                .filter(|_| capabilities.usages.contains(wgpu::TextureUsages::COPY_DST))
+                .ok_or_else(|| gpu.error("cannot show eight-bit pictures in this window"))?,
             color_space: wgpu::SurfaceColorSpace::Auto,
             width: width.max(1),
             height: height.max(1),
@@ -64,6 +66,11 @@ impl Screen {
     /// Format of what is shown.
     pub fn format(&self) -> wgpu::TextureFormat {
         self.config.format
+    }
+
+    /// Format of textures that can be copied to the screen and seen as sRGB.
+    pub fn picture_format(&self) -> wgpu::TextureFormat {
+        self.config.format.remove_srgb_suffix()
     }
 
     /// Width and height in pixels.
@@ -110,10 +117,10 @@ impl Screen {
 }
 
 /// The panel is mixed with the picture as it is encoded, so formats that do not decode come first.
+/// Others have no encoded twin that the picture could be copied from.
 fn preferred_format(formats: &[wgpu::TextureFormat]) -> Option<wgpu::TextureFormat> {
     use wgpu::TextureFormat::{Bgra8Unorm, Bgra8UnormSrgb, Rgba8Unorm, Rgba8UnormSrgb};
     [Bgra8Unorm, Rgba8Unorm, Bgra8UnormSrgb, Rgba8UnormSrgb]
         .into_iter()
         .find(|format| formats.contains(format))
-        .or_else(|| formats.first().copied())
 }

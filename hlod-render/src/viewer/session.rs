@@ -19,7 +19,6 @@ use crate::frame::{FrameStats, Renderer};
 use crate::framing::Framing;
 use crate::gpu::Gpu;
 use crate::model::Model;
-use crate::picture::PICTURE_FORMAT;
 use crate::scene::Shot;
 
 /// More problems than anyone reads.
@@ -55,11 +54,17 @@ pub struct Session {
 }
 
 impl Session {
-    /// Shows a model in a picture of this size, as `settings` say.
-    pub fn new(gpu: &Gpu, model: Model, navigation: Navigation, settings: Settings) -> Session {
+    /// Shows a model in pictures of a format that encodes linear light.
+    pub fn new(
+        gpu: &Gpu,
+        output: wgpu::TextureFormat,
+        model: Model,
+        navigation: Navigation,
+        settings: Settings,
+    ) -> Session {
         Session {
             models: [model],
-            renderer: Renderer::new(gpu, PICTURE_FORMAT),
+            renderer: Renderer::new(gpu, output),
             navigation,
             settings,
             motion: Motion::default(),

@@ -52,16 +52,18 @@ pub struct App {
     pub error: Option<RenderError>,
 }
 
+/// Everything that lives as long as the window. It ends in this order: nobody waits for a GPU, or
+/// draws to a window, that is gone.
 struct Open {
-    window: Arc<Window>,
-    screen: Screen,
-    gpu: Arc<Gpu>,
+    watcher: Watcher,
     gui: Gui,
     scene: Scene,
     session: Session,
+    screen: Screen,
+    gpu: Arc<Gpu>,
+    window: Arc<Window>,
     input: Input,
     under_way: Option<Frame>,
-    to_watch: mpsc::Sender<wgpu::SubmissionIndex>,
     /// Something changed while a frame was under way.
     redraw_wanted: bool,
     /// The last frame was drawn at rest and its numbers are shown.
@@ -130,6 +132,11 @@ impl ApplicationHandler<Wake> for App {
         });
     }
 
+    fn exiting(&mut self, _: &ActiveEventLoop) {
+        // While the connection to the window system is still there.
+        self.open = None;
+    }
+
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
         let Some(open) = &mut self.open else { return };
         let now = Instant::now();
@@ -181,24 +188,30 @@ impl Open {
             panel_open: points >= PANEL_WINDOW_WIDTH,
             ..defaults
         };
-        let session = Session::new(&gpu, model, navigation, settings);
+        let session = Session::new(
+            &gpu,
+            screen.picture_format().add_srgb_suffix(),
+            model,
+            navigation,
+            settings,
+        );
 
         // Prepare what is drawn into, and who waits for it.
-        let scene = Scene::new(&gpu, width, height);
-        let gui = Gui::new(&gpu, &window, screen.format(), &scene);
-        let to_watch = watch(gpu.clone(), proxy.clone());
+        let scene = Scene::new(&gpu, screen.picture_format(), width, height);
+        let gui = Gui::new(&gpu, &window, screen.format());
+        let watcher = Watcher::start(gpu.clone(), proxy.clone());
         let now = Instant::now();
         window.request_redraw();
         Ok(Open {
-            window,
-            screen,
-            gpu,
+            watcher,
             gui,
             scene,
             session,
+            screen,
+            gpu,
+            window,
             input: Input::default(),
             under_way: None,
-            to_watch,
             redraw_wanted: true,
             settled: false,
             last_frame: now,
@@ -251,8 +264,7 @@ impl Open {
         let targets = &self.scene.targets;
         let size = self.session.navigation.lens().size.as_uvec2();
         if (targets.width(), targets.height()) != (size.x, size.y) {
-            self.scene = Scene::new(&self.gpu, size.x, size.y);
-            self.gui.set_scene(&self.gpu, &self.scene);
+            self.scene = Scene::new(&self.gpu, self.screen.picture_format(), size.x, size.y);
         }
 
         // Draw the statue, then everything onto the screen.
@@ -262,9 +274,10 @@ impl Open {
         let laid = self.laid.insert(laid);
         self.gui.upload(&self.gpu, laid);
         let Some(texture) = acquired else { return Ok(()) };
+        let origin = self.input.origin.as_uvec2().into();
         let moving = self.session.motion.is_moving(now);
         let drew_statue = self.session.draw(&self.gpu, &self.scene, now)?;
-        let submission = self.gui.paint(&self.gpu, laid, &texture.texture);
+        let submission = self.gui.paint(&self.gpu, laid, &self.scene, origin, &texture.texture);
         self.window.pre_present_notify();
         self.gpu.queue.present(texture);
 
@@ -272,20 +285,20 @@ impl Open {
         self.under_way = Some(Frame { begun: now, waited, drew_statue, moving });
         self.settled = !moving && !drew_statue;
         self.last_frame = now;
-        self.to_watch.send(submission).map_err(|_| self.gpu.error("nobody waits for frames"))
+        self.watcher.watch(submission);
+        Ok(())
     }
 
     /// Lays out the panel, and does what was asked for in it.
     fn lay_out(&mut self, now: Instant) -> Laid {
         let readings = self.session.readings(&self.gpu, now);
         let (gui, settings) = (&mut self.gui, &mut self.session.settings);
-        let scene = gui.scene_id();
         let mut actions = Vec::new();
         let mut rect = egui::Rect::NOTHING;
         let mut pixels_per_point = 1.0;
         let laid = gui.run(&self.window, |ui| {
             pixels_per_point = ui.pixels_per_point();
-            rect = panel::show(ui, settings, &readings, scene, &mut actions);
+            rect = panel::show(ui, settings, &readings, &mut actions);
         });
         self.gui_again =
             now.checked_add(laid.again_after).filter(|_| laid.again_after < Duration::MAX);
@@ -352,25 +365,53 @@ impl Open {
             return Err(RenderError::Window("nothing was shown yet".into()));
         };
         let (size, format) = (self.screen.size(), self.screen.format());
-        self.gui.screenshot(&self.gpu, laid, size, format)?.save(file)
+        let origin = self.input.origin.as_uvec2().into();
+        self.gui.screenshot(&self.gpu, laid, &self.scene, origin, size, format)?.save(file)
     }
 }
 
-/// Waits for submissions on a thread and tells the window.
-fn watch(gpu: Arc<Gpu>, proxy: EventLoopProxy<Wake>) -> mpsc::Sender<wgpu::SubmissionIndex> {
-    let (sender, submissions) = mpsc::channel();
-    std::thread::spawn(move || {
-        for submission in submissions {
-            let wait = wgpu::PollType::Wait { submission_index: Some(submission), timeout: None };
-            let wake = match gpu.device.poll(wait) {
-                Ok(_) => Wake::FrameDone(Instant::now()),
-                Err(error) => Wake::Failed(error.to_string()),
-            };
-            // The window is gone: nobody needs to know.
-            if proxy.send_event(wake).is_err() {
-                return;
+/// A thread that waits for frames, so that the window does not.
+struct Watcher {
+    /// `None` only while ending.
+    submissions: Option<mpsc::Sender<wgpu::SubmissionIndex>>,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Watcher {
+    fn start(gpu: Arc<Gpu>, proxy: EventLoopProxy<Wake>) -> Watcher {
+        let (sender, submissions) = mpsc::channel();
+        let thread = std::thread::spawn(move || {
+            for submission in submissions {
+                let wait =
+                    wgpu::PollType::Wait { submission_index: Some(submission), timeout: None };
+                let wake = match gpu.device.poll(wait) {
+                    Ok(_) => Wake::FrameDone(Instant::now()),
+                    Err(error) => Wake::Failed(error.to_string()),
+                };
+                // The window is gone: nobody needs to know.
+                if proxy.send_event(wake).is_err() {
+                    return;
+                }
             }
+        });
+        Watcher { submissions: Some(sender), thread: Some(thread) }
+    }
+
+    /// Sends [`Wake::FrameDone`] when the submission is done.
+    fn watch(&self, submission: wgpu::SubmissionIndex) {
+        if let Some(submissions) = &self.submissions {
+            // It has ended only where it has told that the GPU failed.
+            let _ = submissions.send(submission);
         }
-    });
-    sender
+    }
+}
+
+impl Drop for Watcher {
+    fn drop(&mut self) {
+        self.submissions = None;
+        if let Some(thread) = self.thread.take() {
+            // Whether it panicked does not matter any more.
+            let _ = thread.join();
+        }
+    }
 }

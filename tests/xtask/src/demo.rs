@@ -12,12 +12,13 @@ use crate::{Failure, run};
 /// Where everything goes, from the repository's root.
 const FOLDER: &str = "out/demo";
 
-/// The pictures: a name and what `--camera` is given. Points are in heights of the model.
+/// The pictures: a name and what `--camera` is given. Points are in heights of the model,
+/// counted from its centre.
 const VIEWS: [(&str, &str); 3] = [
     ("statue", "three-quarter"),
     ("front", "front"),
     // The inscription on the plinth, so near that chisel marks show.
-    ("inscription", "0.12,0.16,0.55:0,0.12,0.2"),
+    ("inscription", "0.12,-0.34,0.55:0,-0.38,0.2"),
 ];
 
 pub fn demo(options: &DemoOptions) -> Result<ExitCode, Failure> {
@@ -74,6 +75,7 @@ fn draw(model: &Path) -> Result<Vec<PathBuf>, Failure> {
         let picture = folder.join(format!("{name}.png"));
         let mut shot = program("hlod-render")?;
         shot.arg("shot").arg(model).arg("-o").arg(&picture).args(["--camera", camera]);
+        shot.args(["--size", "1000x1000", "--supersampling", "2"]);
         run::run(&mut shot)?;
         written.push(picture);
     }
