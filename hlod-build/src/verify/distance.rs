@@ -7,6 +7,9 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 
+/// Searches by shells of grid cells go no farther.
+const SHELLS_MAX: i32 = 24;
+
 /// Triangles to which distances can be asked for.
 pub(super) struct Target {
     triangles: Vec<[DVec3; 3]>,
@@ -74,7 +77,17 @@ impl Target {
         // From far outside, shells begin where the grid does.
         let outside = centre.iter().map(|&c| (-i64::from(c)).max(i64::from(c) - self.cells)).max();
         let mut best2 = f64::INFINITY;
-        for radius in outside.unwrap_or(0).max(0) as i32.. {
+        for radius in outside.unwrap_or(0).max(0).min(i64::from(SHELLS_MAX)) as i32.. {
+            if radius >= SHELLS_MAX {
+                // Shells grow with the square of their radius: from here on every triangle is
+                // tried instead.
+                for (triangle, &(lo, hi)) in self.triangles.iter().zip(&self.boxes) {
+                    if box_distance2(p, lo, hi) < best2 {
+                        best2 = best2.min(distance2(p, triangle));
+                    }
+                }
+                break;
+            }
             self.shell(p, centre, radius, &mut best2);
             // What lies beyond this shell is at least so far away.
             let beyond = f64::from(radius) * self.size;

@@ -53,7 +53,9 @@ fn the_right_picture_passes() {
     let scores = score(&good(), &truth(), &SCALE);
     assert!(scores.holes.is_empty() && scores.overdraw.is_empty());
     assert!(scores.appearance[0].count() > 300);
-    assert_eq!(p999(&scores), 0.0);
+    // One sample a pixel costs at most the step from a pixel to its neighbours: the floor.
+    assert_eq!(scores.appearance[0].percentile(0.999), 0.0);
+    assert!(p999(&scores) <= 1.0);
 }
 
 #[test]
@@ -100,7 +102,7 @@ fn flat_grey_and_salt_and_pepper_are_found() {
     assert!(p999(&score(&grey, &truth(), &SCALE)) >= 2.0);
     let mut noisy = good();
     noisy.shade.iter_mut().step_by(97).for_each(|s| *s = 1.0);
-    assert_eq!(p999(&score(&noisy, &truth(), &SCALE)), DISTANCE_MAX_PX);
+    assert!(p999(&score(&noisy, &truth(), &SCALE)) >= 4.0);
 }
 
 #[test]
