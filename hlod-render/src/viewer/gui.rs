@@ -7,7 +7,7 @@
 
 use std::time::Duration;
 
-use egui::epaint::{ClippedPrimitive, textures::TexturesDelta};
+use egui::epaint::ClippedPrimitive;
 use winit::event::WindowEvent;
 use winit::window::Window;
 
@@ -49,7 +49,6 @@ impl Scene {
 /// A laid out frame of the toolkit.
 pub struct Laid {
     primitives: Vec<ClippedPrimitive>,
-    textures: TexturesDelta,
     pixels_per_point: f32,
     /// When the toolkit wants to be drawn again.
     pub again_after: Duration,
@@ -60,6 +59,8 @@ pub struct Gui {
     context: egui::Context,
     state: egui_winit::State,
     renderer: egui_wgpu::Renderer,
+    /// Textures that the last frame laid out was the last to use.
+    expired: Vec<egui::TextureId>,
     /// In points.
     cursor: Option<egui::Pos2>,
     /// Where the statue's picture is, in points.
@@ -87,7 +88,14 @@ impl Gui {
         );
         let options = egui_wgpu::RendererOptions { dithering: false, ..Default::default() };
         let renderer = egui_wgpu::Renderer::new(&gpu.device, format, options);
-        Gui { context, state, renderer, cursor: None, statue: egui::Rect::EVERYTHING }
+        Gui {
+            context,
+            state,
+            renderer,
+            expired: Vec::new(),
+            cursor: None,
+            statue: egui::Rect::EVERYTHING,
+        }
     }
 
     /// Hands an event over. Says whether it was meant for the panel alone, and whether the panel
@@ -129,33 +137,32 @@ impl Gui {
         });
     }
 
-    /// Lays the frame out.
-    pub fn run(&mut self, window: &Window, contents: impl FnMut(&mut egui::Ui)) -> Laid {
+    /// Lays the frame out and uploads the textures that it brings.
+    pub fn run(&mut self, gpu: &Gpu, window: &Window, contents: impl FnMut(&mut egui::Ui)) -> Laid {
         let input = self.state.take_egui_input(window);
-        let output = self.context.run_ui(input, contents);
+        let mut output = self.context.run_ui(input, contents);
         self.state.handle_platform_output(window, output.platform_output);
         let again_after = output
             .viewport_output
             .get(&egui::ViewportId::ROOT)
             .map_or(Duration::MAX, |viewport| viewport.repaint_delay);
-        Laid {
-            primitives: self.context.tessellate(output.shapes, output.pixels_per_point),
-            textures: output.textures_delta,
-            pixels_per_point: output.pixels_per_point,
-            again_after,
-        }
-    }
 
-    /// Uploads what a laid out frame brings; once for each, before it is painted.
-    pub fn upload(&mut self, gpu: &Gpu, laid: &mut Laid) {
-        let textures = std::mem::take(&mut laid.textures);
-        for (id, deltas) in &textures.set {
-            for delta in deltas {
-                self.renderer.update_texture(&gpu.device, &gpu.queue, *id, delta);
+        // The frame before is not painted again; this one may be, with what it was the last to use.
+        for id in self.expired.drain(..) {
+            self.renderer.free_texture(&id);
+        }
+        let textures = &mut output.textures_delta;
+        for (id, deltas) in textures.set.drain() {
+            for delta in &deltas {
+                self.renderer.update_texture(&gpu.device, &gpu.queue, id, delta);
             }
         }
-        for id in &textures.free {
-            self.renderer.free_texture(id);
+        self.expired.extend(textures.free.drain());
+
+        Laid {
+            primitives: self.context.tessellate(output.shapes, output.pixels_per_point),
+            pixels_per_point: output.pixels_per_point,
+            again_after,
         }
     }
 

@@ -272,7 +272,6 @@ impl Open {
         let acquired = self.screen.acquire(&self.gpu)?;
         let waited = before.elapsed();
         let laid = self.laid.insert(laid);
-        self.gui.upload(&self.gpu, laid);
         let Some(texture) = acquired else { return Ok(()) };
         let origin = self.input.origin.as_uvec2().into();
         let moving = self.session.motion.is_moving(now);
@@ -296,7 +295,7 @@ impl Open {
         let mut actions = Vec::new();
         let mut rect = egui::Rect::NOTHING;
         let mut pixels_per_point = 1.0;
-        let laid = gui.run(&self.window, |ui| {
+        let laid = gui.run(&self.gpu, &self.window, |ui| {
             pixels_per_point = ui.pixels_per_point();
             rect = panel::show(ui, settings, &readings, &mut actions);
         });

@@ -1,0 +1,353 @@
+//! The window, on a virtual X display: what it shows, that it can be moved about in, and that it
+//! closes.
+
+#![cfg(feature = "viewer")]
+
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
+use hlod_render::path::CameraPath;
+use hlod_render::picture::{Picture, take};
+use hlod_render::scene::{BACKGROUND, Material, Representation, Shot, light_from_angles};
+use hlod_render::{AdapterChoice, Gpu, Model, ModelLimits};
+
+const WIDTH: u32 = 800;
+const HEIGHT: u32 = 600;
+/// Generous: debug builds on busy machines without a GPU.
+const PATIENCE: Duration = Duration::from_secs(120);
+/// Share of pixels that may differ between pictures that should be the same: turning there and
+/// back rounds.
+const ROUNDING: f64 = 0.002;
+/// Share of pixels that differ at least where something moved.
+const MOVED: f64 = 0.02;
+
+#[test]
+fn the_window_shows_the_statue_moves_returns_and_closes() {
+    if let Some(why) = missing() {
+        return skip(&why);
+    }
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = ball(folder.path());
+    let display = Display::start();
+    let mut program = display.view(&file, folder.path(), &[]);
+    let window = display.window_of(&mut program);
+    display.xdotool(&["mousemove", "20", "580"]);
+    let first = display.settled(&mut program);
+
+    // The statue's pixels are those of a picture taken without a window.
+    assert_alike(&first, &offscreen(&file), "the first picture and the one without a window");
+
+    // A drag with the left button turns; Home returns.
+    display.drag("1", (400, 300), (520, 240));
+    assert!(differing(&first, &display.settled(&mut program)) > MOVED, "the drag turned nothing");
+    display.key(&window, "Home");
+    assert_alike(
+        &first,
+        &display.settled(&mut program),
+        "the first picture and the one after Home",
+    );
+
+    // A drag with the right button moves; F shows everything again.
+    display.drag("3", (400, 300), (600, 420));
+    assert!(differing(&first, &display.settled(&mut program)) > MOVED, "the drag moved nothing");
+    display.key(&window, "f");
+    assert_alike(&first, &display.settled(&mut program), "the first picture and the one after F");
+
+    // The wheel approaches.
+    display.xdotool(&["mousemove", "400", "300", "click", "--repeat", "4", "4"]);
+    assert!(differing(&first, &display.settled(&mut program)) > MOVED, "the wheel did nothing");
+
+    // R begins to record a path, R again writes it.
+    display.key(&window, "r");
+    display.drag("1", (400, 300), (300, 320));
+    display.key(&window, "r");
+    display.settled(&mut program);
+    let path = CameraPath::load(&folder.path().join("ball-path-001.json"));
+    assert!(path.as_ref().is_ok_and(|path| path.keys.len() >= 2), "{path:?}");
+
+    display.key(&window, "ctrl+q");
+    let status = wait(&mut program);
+    assert!(status.success(), "{status}");
+}
+
+#[test]
+fn the_window_takes_a_picture_of_itself_and_leaves() {
+    if let Some(why) = missing() {
+        return skip(&why);
+    }
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = ball(folder.path());
+    let display = Display::start();
+    let png = folder.path().join("window.png");
+    let png_name = png.to_string_lossy();
+    let more = ["--exit-after", "8", "--screenshot", &png_name];
+    let mut program = display.view(&file, folder.path(), &more);
+    let status = wait(&mut program);
+    assert!(status.success(), "{status}");
+    assert_alike(&load(&png), &offscreen(&file), "the window's picture and the expected one");
+}
+
+/// What this machine lacks, if anything.
+fn missing() -> Option<String> {
+    for (tool, argument) in [("Xvfb", "-help"), ("xdotool", "version"), ("import", "-version")] {
+        let mut command = Command::new(tool);
+        if command.arg(argument).stdout(Stdio::null()).stderr(Stdio::null()).status().is_err() {
+            return Some(format!("{tool} is not installed"));
+        }
+    }
+    Gpu::headless(AdapterChoice::Software).err().map(|e| e.to_string())
+}
+
+fn skip(why: &str) {
+    println!("SKIPPED: window: {why}");
+    if let Some(log) = std::env::var_os("HLOD_SKIP_LOG") {
+        let opened = std::fs::OpenOptions::new().create(true).append(true).open(log);
+        let written = opened.and_then(|mut log| writeln!(log, "window: {why}"));
+        written.expect("HLOD_SKIP_LOG names a file that can be written");
+    }
+}
+
+/// A ball with bumps that are nowhere alike, some way from the origin, as an `.hlod` file.
+fn ball(folder: &Path) -> PathBuf {
+    const RINGS: u32 = 96;
+    const SECTORS: u32 = 192;
+    let (mut vertices, mut faces) = (String::new(), String::new());
+    for (ring, sector) in (0..=RINGS).flat_map(|r| (0..SECTORS).map(move |s| (r, s))) {
+        let polar = f64::from(ring) / f64::from(RINGS) * std::f64::consts::PI;
+        let turn = f64::from(sector) / f64::from(SECTORS) * std::f64::consts::TAU;
+        let bump = 0.08 * (5.0 * turn).sin() * (3.0 * polar).sin() + 0.1 * turn.cos();
+        let radius = 100.0 * (1.0 + bump * polar.sin());
+        let direction = [polar.sin() * turn.sin(), polar.cos(), polar.sin() * turn.cos()];
+        let [x, y, z] = direction.map(|c| c * radius);
+        vertices += &format!("{:.3} {:.3} {:.3}\n", x + 3000.0, y, z - 5000.0);
+        if ring < RINGS {
+            let next = (sector + 1) % SECTORS;
+            let (above, below) = (ring * SECTORS, (ring + 1) * SECTORS);
+            let [a, b, c, d] = [above + sector, above + next, below + sector, below + next];
+            faces += &format!("3 {a} {c} {d}\n3 {a} {d} {b}\n");
+        }
+    }
+    let ply = folder.join("ball.ply");
+    let header = format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\n\
+         property float z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        (RINGS + 1) * SECTORS,
+        2 * RINGS * SECTORS
+    );
+    std::fs::write(&ply, header + &vertices + &faces).expect("the scan is written");
+    let output = folder.join("ball.hlod");
+    let options = hlod_build::BuildOptions::default();
+    hlod_build::build(&[ply], &output, &options, &hlod_build::progress::Silent)
+        .expect("the ball can be built");
+    output
+}
+
+/// The first picture, by the library alone.
+fn offscreen(file: &Path) -> Picture {
+    let gpu = Gpu::headless(AdapterChoice::Software).expect("checked before");
+    let mut models = [Model::open(&gpu, file, ModelLimits::default()).expect("the file opens")];
+    let (_, direction) = NAMED_VIEWS[6];
+    let aspect = f64::from(WIDTH) / f64::from(HEIGHT);
+    let camera = Framing::of(&models[0]).fitting(direction, aspect, FOV_Y_DEG);
+    let shot = Shot {
+        camera,
+        light: light_from_angles(&camera, -45.0, 40.0),
+        material: Material::default(),
+        background: BACKGROUND,
+        representation: Representation::Hybrid,
+        error_threshold_px: 0.5,
+        draw_backs: false,
+        backs_magenta: false,
+    };
+    take(&gpu, &mut models, &shot, WIDTH, HEIGHT, 1).expect("the picture is taken").0
+}
+
+/// Share of pixels that differ visibly. The upper right corner holds buttons, not the statue.
+fn differing(a: &Picture, b: &Picture) -> f64 {
+    assert_eq!((a.width, a.height), (b.width, b.height));
+    let pixels = a.rgba.chunks_exact(4).zip(b.rgba.chunks_exact(4)).enumerate();
+    let different = pixels.filter(|(i, (p, q))| {
+        let (x, y) = (*i as u32 % WIDTH, *i as u32 / WIDTH);
+        (x < WIDTH - 90 || y > 40) && (0..3).any(|c| p[c].abs_diff(q[c]) > 2)
+    });
+    different.count() as f64 / f64::from(WIDTH * HEIGHT)
+}
+
+fn assert_alike(a: &Picture, b: &Picture, what: &str) {
+    let share = differing(a, b);
+    if share > ROUNDING {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+        let saved = [(a, "window-a.png"), (b, "window-b.png")].map(|(picture, name)| {
+            let file = folder.join(name);
+            picture.save(&file).map(|()| file)
+        });
+        panic!("{what}: {:.2} % of the pixels differ; see {saved:?}", share * 100.0);
+    }
+}
+
+fn load(png: &Path) -> Picture {
+    let image = image::open(png).expect("a picture").to_rgba8();
+    Picture { width: image.width(), height: image.height(), rgba: image.into_raw() }
+}
+
+fn wait(program: &mut Child) -> ExitStatus {
+    let begin = Instant::now();
+    loop {
+        if let Some(status) = program.try_wait().expect("the program can be waited for") {
+            return status;
+        }
+        if begin.elapsed() > PATIENCE {
+            // Best effort: the test has failed anyway.
+            drop(program.kill());
+            panic!("the window did not close");
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+/// Servers that start at the same time have been seen to choose the same number.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+/// A virtual X display; it ends with the test, and with it every program on it.
+struct Display {
+    server: Child,
+    _turn: MutexGuard<'static, ()>,
+    name: String,
+    screenshots: tempfile::TempDir,
+}
+
+impl Drop for Display {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        drop(self.server.kill());
+        drop(self.server.wait());
+    }
+}
+
+impl Display {
+    /// The server chooses a free number and says which; it is waited for until it answers.
+    fn start() -> Display {
+        // Another test's failure does not matter here.
+        let turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
+        let size = format!("{WIDTH}x{HEIGHT}x24");
+        let mut server = Command::new("Xvfb")
+            .args(["-displayfd", "1", "-screen", "0", &size, "-nolisten", "tcp"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("Xvfb starts");
+        let mut number = String::new();
+        let stdout = server.stdout.take().expect("it is piped");
+        BufReader::new(stdout).read_line(&mut number).expect("Xvfb says its number");
+        let name = format!(":{}", number.trim());
+        assert!(name.len() > 1, "Xvfb named no display: {:?}", server.wait());
+        let screenshots = tempfile::tempdir().expect("a temporary folder");
+        let display = Display { server, _turn: turn, name, screenshots };
+        let begin = Instant::now();
+        while !display.answers() {
+            assert!(begin.elapsed() < PATIENCE, "{} does not answer", display.name);
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        display
+    }
+
+    fn answers(&self) -> bool {
+        let mut ask = Command::new("xdotool");
+        ask.arg("getdisplaygeometry").env("DISPLAY", &self.name);
+        let status = ask.stdout(Stdio::null()).stderr(Stdio::null()).status();
+        status.is_ok_and(|status| status.success())
+    }
+
+    fn view(&self, file: &Path, folder: &Path, more: &[&str]) -> Child {
+        let size = format!("{WIDTH}x{HEIGHT}");
+        Command::new(env!("CARGO_BIN_EXE_hlod-render"))
+            .args(["--software", "view"])
+            .arg(file)
+            .args(["--size", &size, "--tau", "0.5", "--light", "-45,40"])
+            .args(more)
+            .current_dir(folder)
+            .env("DISPLAY", &self.name)
+            .env_remove("WAYLAND_DISPLAY")
+            .spawn()
+            .expect("the program starts")
+    }
+
+    fn window_of(&self, program: &mut Child) -> String {
+        let pid = program.id().to_string();
+        let begin = Instant::now();
+        while begin.elapsed() < PATIENCE {
+            if let Some(status) = program.try_wait().expect("the program can be waited for") {
+                panic!("the program ended before it had a window: {status}");
+            }
+            let found = Command::new("xdotool")
+                .args(["search", "--onlyvisible", "--pid", &pid])
+                .env("DISPLAY", &self.name)
+                .stderr(Stdio::null())
+                .output()
+                .expect("xdotool runs");
+            if let Some(window) = String::from_utf8_lossy(&found.stdout).lines().last() {
+                return window.to_owned();
+            }
+            std::thread::sleep(Duration::from_millis(100));
+        }
+        panic!("no window appeared");
+    }
+
+    fn xdotool(&self, arguments: &[&str]) {
+        let status = Command::new("xdotool").args(arguments).env("DISPLAY", &self.name).status();
+        assert!(status.is_ok_and(|s| s.success()), "xdotool {arguments:?}");
+    }
+
+    fn key(&self, window: &str, key: &str) {
+        // Without a window manager, nothing has the keyboard by itself.
+        self.xdotool(&["windowfocus", "--sync", window, "key", key]);
+    }
+
+    fn drag(&self, button: &str, from: (i32, i32), to: (i32, i32)) {
+        const STEPS: i32 = 8;
+        for step in 0..=STEPS {
+            let x = from.0 + (to.0 - from.0) * step / STEPS;
+            let y = from.1 + (to.1 - from.1) * step / STEPS;
+            self.xdotool(&["mousemove", &x.to_string(), &y.to_string()]);
+            if step == 0 {
+                self.xdotool(&["mousedown", button]);
+            }
+            std::thread::sleep(Duration::from_millis(60));
+        }
+        self.xdotool(&["mouseup", button]);
+    }
+
+    fn grab(&self) -> Picture {
+        let file = self.screenshots.path().join("screen.png");
+        let mut import = Command::new("import");
+        import.args(["-window", "root"]).arg(&file).env("DISPLAY", &self.name);
+        assert!(import.status().is_ok_and(|s| s.success()), "import");
+        load(&file)
+    }
+
+    /// What the display shows once it has stopped changing.
+    fn settled(&self, program: &mut Child) -> Picture {
+        const ALIKE: u32 = 3;
+        let begin = Instant::now();
+        let mut last: Option<Picture> = None;
+        let mut alike = 0;
+        while begin.elapsed() < PATIENCE {
+            std::thread::sleep(Duration::from_millis(400));
+            let ended = program.try_wait().expect("the program can be waited for");
+            assert!(ended.is_none(), "the program ended by itself: {ended:?}");
+            let picture = self.grab();
+            // Before the first frame, all is black.
+            let shown = picture.rgba.chunks_exact(4).any(|p| p[0] > 40);
+            alike = if shown && last.as_ref() == Some(&picture) { alike + 1 } else { 0 };
+            if alike == ALIKE {
+                return picture;
+            }
+            last = Some(picture);
+        }
+        panic!("the window never came to rest");
+    }
+}
