@@ -24,8 +24,11 @@ pub const SHADE: Pass = Pass {
     source: concat!(include_str!("shared.wgsl"), include_str!("shade.wgsl")),
 };
 
+/// The viewer's panel. Stands alone.
+pub const PANEL: Pass = Pass { name: "panel", source: include_str!("panel.wgsl") };
+
 /// Every pass.
-pub const ALL: [Pass; 2] = [SURFACE, SHADE];
+pub const ALL: [Pass; 3] = [SURFACE, SHADE, PANEL];
 
 #[cfg(test)]
 mod tests {

@@ -15,7 +15,7 @@ use hlod_render::{AdapterChoice, ModelLimits};
 #[command(name = "hlod-render", version, max_term_width = 100)]
 #[command(after_help = "\
 Lengths in --camera and --light are statue heights, counted from the centre of its bounds along \
-right, up and front.\n\
+right, up and front.\n\n\
 Exit status: 0 good, 1 the work failed, 2 wrong usage, 3 checked and refuted.")]
 pub struct Cli {
     /// No progress bars and no remarks.
@@ -36,10 +36,10 @@ impl Cli {
 
 #[derive(Subcommand)]
 pub enum Command {
-    /// Open a window on a statue.
+    /// Open a window on a statue; F1 there shows what keys and the mouse do.
     #[cfg(feature = "viewer")]
     View(ViewArgs),
-    /// Write a picture.
+    /// Write a picture to a PNG file.
     Shot(ShotArgs),
     /// Measure frame rates along a recorded camera path.
     Bench(BenchArgs),
@@ -55,30 +55,43 @@ pub struct JsonArgs {
     pub json: Option<Option<PathBuf>>,
 }
 
+/// How precisely statues are drawn.
+#[derive(Args)]
+pub struct PrecisionArgs {
+    /// Largest error on the screen in pixels (τ): smaller is finer and slower.
+    #[arg(long, value_name = "PX", default_value_t = 0.5, value_parser = positive)]
+    pub tau: f64,
+    /// What is drawn of the file.
+    #[arg(long, value_enum, default_value = "hybrid")]
+    pub representation: RepresentationArg,
+}
+
 /// What every picture needs.
 #[derive(Args)]
 pub struct DrawArgs {
     /// Picture size in pixels.
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = size)]
     pub size: (u32, u32),
-    /// Error that is allowed on screen, in pixels.
-    #[arg(long, value_name = "PX", default_value_t = 0.5, value_parser = positive)]
-    pub tau: f64,
-    /// Which hierarchy is drawn; `full` is the scan's own geometry.
-    #[arg(long, value_enum, default_value = "hybrid")]
-    pub representation: RepresentationArg,
-    /// AZIMUTH,ELEVATION of parallel light in degrees, relative to the picture (0,0 comes from
-    /// the eye, positive from the right and from above), or RIGHT,UP,FRONT of a lamp.
+    #[command(flatten)]
+    pub precision: PrecisionArgs,
+    /// AZIMUTH,ELEVATION of parallel light in degrees, relative to the picture: 0,0 comes from the
+    /// eye, positive from the right and from above; or RIGHT,UP,FRONT of a lamp (not for audits).
     #[arg(long, value_name = "LIGHT", default_value = "-45,40", value_parser = numbers::<2, 3>, allow_hyphen_values = true)]
     pub light: Numbers,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum RepresentationArg {
+    /// Levels of detail, as they are meant to be seen.
     Hybrid,
+    /// The same without points.
     Triangles,
+    /// Levels of detail that were simplified by shape alone.
     Geometric,
+    /// Points alone: not in this version's files.
+    #[value(hide = true)]
     Points,
+    /// The scan's own geometry, however far: slow, and what everything is compared with.
     Full,
 }
 
@@ -98,11 +111,19 @@ impl RepresentationArg {
 }
 
 #[derive(Args)]
+#[cfg(feature = "viewer")]
 pub struct ViewArgs {
     /// The .hlod file.
     pub file: PathBuf,
+    /// Size of the window in pixels.
+    #[arg(long, value_name = "WxH", default_value = "1280x800", value_parser = size)]
+    pub size: (u32, u32),
     #[command(flatten)]
-    pub draw: DrawArgs,
+    pub precision: PrecisionArgs,
+    /// AZIMUTH,ELEVATION of the light in degrees, relative to the picture: 0,0 comes from the eye,
+    /// positive from the right and from above. It can be turned in the window.
+    #[arg(long, value_name = "LIGHT", default_value = "-45,45", value_parser = numbers::<2, 2>, allow_hyphen_values = true)]
+    pub light: Numbers,
     #[command(flatten)]
     pub memory: MemoryArgs,
     /// Leave after so many seconds.
@@ -115,7 +136,7 @@ pub struct ViewArgs {
 
 #[derive(Args)]
 pub struct MemoryArgs {
-    /// Geometry kept on the GPU, as in 512MiB or 2GB.
+    /// At most so much geometry is kept on the GPU, as in 512MiB or 2GB.
     #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = bytes)]
     pub gpu_memory: u64,
     /// Reading is limited to so much a second, as in 50MB/s.
@@ -140,13 +161,13 @@ pub struct ShotArgs {
     /// The PNG file to write; an existing one is replaced.
     #[arg(long, short)]
     pub output: PathBuf,
-    /// front, back, left, right, top, bottom, three-quarter, or RIGHT,UP,FRONT of the eye and,
-    /// after a colon, of the point it looks at.
+    /// front, back, left, right, top, bottom, three-quarter; or RIGHT,UP,FRONT of the eye and,
+    /// after a colon, of the point it looks at, as in 0.1,0.3,1:0,0.25,0.
     #[arg(long, default_value = "three-quarter", allow_hyphen_values = true)]
     pub camera: String,
     #[command(flatten)]
     pub draw: DrawArgs,
-    /// Draw N × N times as many pixels and average them.
+    /// Average N × N samples a pixel, for smooth edges.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub supersampling: u32,
     #[command(flatten)]
@@ -157,7 +178,7 @@ pub struct ShotArgs {
 pub struct BenchArgs {
     /// The .hlod file.
     pub file: PathBuf,
-    /// A recorded camera path (bench-paths/*.json).
+    /// A camera path: one of bench-paths/*.json, or one recorded in the window (R).
     #[arg(long)]
     pub path: PathBuf,
     #[command(flatten)]
@@ -240,9 +261,10 @@ pub type Numbers = Vec<f64>;
 fn numbers<const LEAST: usize, const MOST: usize>(text: &str) -> Result<Numbers, String> {
     let parsed: Option<Numbers> =
         text.split(',').map(|n| n.trim().parse::<f64>().ok().filter(|v| v.is_finite())).collect();
-    parsed
-        .filter(|n| (LEAST..=MOST).contains(&n.len()))
-        .ok_or_else(|| format!("expected {LEAST} to {MOST} numbers with commas between them"))
+    parsed.filter(|n| (LEAST..=MOST).contains(&n.len())).ok_or_else(|| {
+        let count = if LEAST == MOST { LEAST.to_string() } else { format!("{LEAST} to {MOST}") };
+        format!("expected {count} numbers with commas between them")
+    })
 }
 
 /// The camera that `--camera` names.

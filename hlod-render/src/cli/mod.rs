@@ -36,17 +36,17 @@ pub fn run(cli: &Cli) -> Outcome {
 #[cfg(feature = "viewer")]
 fn run_view(cli: &Cli, args: &args::ViewArgs) -> Outcome {
     use hlod_render::viewer::{ViewOptions, run};
-    let [azimuth, elevation] = args.draw.light[..] else {
-        return Err(Failure::Usage("view: --light takes AZIMUTH,ELEVATION".into()));
+    let [azimuth, elevation] = args.light[..] else {
+        unreachable!("the parser lets through two numbers");
     };
     run(ViewOptions {
         file: args.file.clone(),
         limits: args.memory.limits(),
-        error_threshold_px: args.draw.tau,
-        representation: args.draw.representation.validated().map_err(Failure::Usage)?,
+        error_threshold_px: args.precision.tau,
+        representation: args.precision.representation.validated().map_err(Failure::Usage)?,
         camera: None,
         light: Some((azimuth, elevation)),
-        size: args.draw.size,
+        size: args.size,
         adapter: cli.adapter(),
         exit_after: args.exit_after.map(std::time::Duration::from_secs_f64),
         screenshot: args.screenshot.clone(),
@@ -70,7 +70,7 @@ fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
     }
     let result = serde_json::json!({
         "output": args.output, "adapter": gpu.describe(), "width": width, "height": height,
-        "tau_px": args.draw.tau, "triangles": stats.triangles, "points": stats.points,
+        "tau_px": args.draw.precision.tau, "triangles": stats.triangles, "points": stats.points,
         "nodes": stats.nodes, "problems": problems,
     });
     print(&args.json, &result, || tables::shot(&args.output, &stats, &gpu))
@@ -124,8 +124,8 @@ fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Fail
         light: args::light(&draw.light, &camera, framing),
         material: Material::default(),
         background: BACKGROUND,
-        representation: draw.representation.validated().map_err(Failure::Usage)?,
-        error_threshold_px: draw.tau,
+        representation: draw.precision.representation.validated().map_err(Failure::Usage)?,
+        error_threshold_px: draw.precision.tau,
         draw_backs: false,
         backs_magenta: false,
     })

@@ -357,7 +357,12 @@ fn attachment(
     })
 }
 
-fn buffer(gpu: &Gpu, label: &'static str, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+pub(crate) fn buffer(
+    gpu: &Gpu,
+    label: &'static str,
+    size: u64,
+    usage: wgpu::BufferUsages,
+) -> wgpu::Buffer {
     gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some(label),
         size,
@@ -367,7 +372,7 @@ fn buffer(gpu: &Gpu, label: &'static str, size: u64, usage: wgpu::BufferUsages) 
 }
 
 /// Writes to the start of a buffer, replacing it by a larger one where it is too small.
-fn write_growing(gpu: &Gpu, target: &mut wgpu::Buffer, bytes: &[u8]) {
+pub(crate) fn write_growing(gpu: &Gpu, target: &mut wgpu::Buffer, bytes: &[u8]) {
     if bytes.is_empty() {
         return;
     }

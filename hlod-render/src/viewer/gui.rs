@@ -11,6 +11,7 @@ use egui::epaint::ClippedPrimitive;
 use winit::event::WindowEvent;
 use winit::window::Window;
 
+use super::painter::Painter;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::passes::Targets;
@@ -58,7 +59,7 @@ pub struct Laid {
 pub struct Gui {
     context: egui::Context,
     state: egui_winit::State,
-    renderer: egui_wgpu::Renderer,
+    painter: Painter,
     /// Textures that the last frame laid out was the last to use.
     expired: Vec<egui::TextureId>,
     /// In points.
@@ -86,12 +87,10 @@ impl Gui {
             None,
             Some(side),
         );
-        let options = egui_wgpu::RendererOptions { dithering: false, ..Default::default() };
-        let renderer = egui_wgpu::Renderer::new(&gpu.device, format, options);
         Gui {
             context,
             state,
-            renderer,
+            painter: Painter::new(gpu, format),
             expired: Vec::new(),
             cursor: None,
             statue: egui::Rect::EVERYTHING,
@@ -149,12 +148,12 @@ impl Gui {
 
         // The frame before is not painted again; this one may be, with what it was the last to use.
         for id in self.expired.drain(..) {
-            self.renderer.free_texture(&id);
+            self.painter.free_texture(id);
         }
         let textures = &mut output.textures_delta;
         for (id, deltas) in textures.set.drain() {
             for delta in &deltas {
-                self.renderer.update_texture(&gpu.device, &gpu.queue, id, delta);
+                self.painter.update_texture(gpu, id, delta);
             }
         }
         self.expired.extend(textures.free.drain());
@@ -176,11 +175,6 @@ impl Gui {
         origin: (u32, u32),
         target: &wgpu::Texture,
     ) -> wgpu::SubmissionIndex {
-        let view = target.create_view(&Default::default());
-        let screen = egui_wgpu::ScreenDescriptor {
-            size_in_pixels: [target.width(), target.height()],
-            pixels_per_point: laid.pixels_per_point,
-        };
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         // While a window shrinks, the picture may be larger than what it is shown in.
         let size = wgpu::Extent3d {
@@ -191,28 +185,8 @@ impl Gui {
         let mut to = target.as_image_copy();
         (to.origin.x, to.origin.y) = origin;
         encoder.copy_texture_to_texture(scene.texture.as_image_copy(), to, size);
-        let mut commands = self.renderer.update_buffers(
-            &gpu.device,
-            &gpu.queue,
-            &mut encoder,
-            &laid.primitives,
-            &screen,
-        );
-        {
-            let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                label: Some("panel"),
-                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                    view: &view,
-                    depth_slice: None,
-                    resolve_target: None,
-                    ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store },
-                })],
-                ..Default::default()
-            });
-            self.renderer.render(&mut pass.forget_lifetime(), &laid.primitives, &screen);
-        }
-        commands.push(encoder.finish());
-        gpu.queue.submit(commands)
+        self.painter.paint(gpu, &mut encoder, &laid.primitives, laid.pixels_per_point, target);
+        gpu.queue.submit([encoder.finish()])
     }
 
     /// The same frame as a picture of a window of this size and format. Waits for it.

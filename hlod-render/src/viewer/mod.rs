@@ -9,10 +9,10 @@
 //!   │ pace        τ while moving, frame times
 //!   │ depth       what is under the cursor, read back without waiting
 //!   │ recording   camera paths for benchmarks
-//!   ▼ gui         the picture and the panel on the screen
+//!   ▼ gui         the picture and the panel on the screen, which painter draws
 //! ```
 //!
-//! Only `window`, `input`, `bindings`, `gui`, `panel` and `screen` know that there is a window.
+//! Only `window`, `input`, `bindings`, `gui`, `panel`, `painter` and `screen` know that there is a window.
 
 mod bindings;
 mod depth;
@@ -21,6 +21,7 @@ mod input;
 mod light;
 mod navigation;
 mod pace;
+mod painter;
 mod panel;
 mod projection;
 mod recording;

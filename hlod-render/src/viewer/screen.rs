@@ -94,6 +94,11 @@ impl Screen {
     /// When the surface cannot be had back.
     pub fn acquire(&mut self, gpu: &Gpu) -> Result<Option<wgpu::SurfaceTexture>, RenderError> {
         use wgpu::CurrentSurfaceTexture as Current;
+        // A minimised window has no pixels, and a surface of its size cannot be configured.
+        let size = self.window.inner_size();
+        if size.width == 0 || size.height == 0 {
+            return Ok(None);
+        }
         // A surface that has changed is configured anew, a lost one replaced: once, then next time.
         for _ in 0..2 {
             match self.surface.get_current_texture() {

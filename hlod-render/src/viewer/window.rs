@@ -31,6 +31,8 @@ use crate::scene::Material;
 
 /// While parts are on their way and nothing moves, how often to look what has arrived.
 const LOADING_INTERVAL: Duration = Duration::from_millis(40);
+/// While the window cannot be drawn to, how often to try again.
+const UNSEEN_INTERVAL: Duration = Duration::from_millis(250);
 /// Narrower windows, in points, begin with the panel hidden.
 const PANEL_WINDOW_WIDTH: f64 = 900.0;
 
@@ -68,6 +70,8 @@ struct Open {
     redraw_wanted: bool,
     /// The last frame was drawn at rest and its numbers are shown.
     settled: bool,
+    /// Minimised or covered: the last frame could not be drawn. When to try again.
+    unseen_until: Option<Instant>,
     last_frame: Instant,
     gui_again: Option<Instant>,
     laid: Option<Laid>,
@@ -214,6 +218,7 @@ impl Open {
             under_way: None,
             redraw_wanted: true,
             settled: false,
+            unseen_until: None,
             last_frame: now,
             gui_again: None,
             laid: None,
@@ -229,9 +234,13 @@ impl Open {
             WindowEvent::Resized(size) => {
                 self.screen.resize(&self.gpu, *size);
                 self.session.motion.note(now);
+                self.unseen_until = None;
                 self.want_redraw();
             }
-            WindowEvent::Occluded(false) => self.want_redraw(),
+            WindowEvent::Occluded(false) => {
+                self.unseen_until = None;
+                self.want_redraw();
+            }
             _ => {}
         }
         let (for_panel, panel_changed) = self.gui.on_event(&self.window, event);
@@ -272,7 +281,12 @@ impl Open {
         let acquired = self.screen.acquire(&self.gpu)?;
         let waited = before.elapsed();
         let laid = self.laid.insert(laid);
-        let Some(texture) = acquired else { return Ok(()) };
+        let Some(texture) = acquired else {
+            self.redraw_wanted = true;
+            self.unseen_until = Some(now + UNSEEN_INTERVAL);
+            return Ok(());
+        };
+        self.unseen_until = None;
         let origin = self.input.origin.as_uvec2().into();
         let moving = self.session.motion.is_moving(now);
         let drew_statue = self.session.draw(&self.gpu, &self.scene, now)?;
@@ -349,6 +363,7 @@ impl Open {
         let at_once = (self.redraw_wanted || session.navigation.is_moving()).then_some(now);
         let next = [rest, arriving, at_once, session.recording_due(), self.gui_again];
         let next = next.into_iter().flatten().min();
+        let next = next.map(|at| self.unseen_until.map_or(at, |until| at.max(until)));
         if next.is_some_and(|at| at <= now) {
             self.gui_again = None;
             self.window.request_redraw();
