@@ -12,13 +12,13 @@ use crate::{Failure, run};
 /// Where everything goes, from the repository's root.
 const FOLDER: &str = "out/demo";
 
-/// The pictures: a name and what `--camera` is given. Points are in heights of the model,
-/// counted from its centre.
-const VIEWS: [(&str, &str); 3] = [
-    ("statue", "three-quarter"),
-    ("front", "front"),
-    // The inscription on the plinth, so near that chisel marks show.
-    ("inscription", "0.12,-0.34,0.55:0,-0.38,0.2"),
+/// The pictures: a name and what `shot` is given. Points are in heights of the model, counted
+/// from its centre.
+const VIEWS: [(&str, &[&str]); 3] = [
+    ("statue", &["--camera", "three-quarter"]),
+    ("head", &["--camera", "0.12,0.3,0.95:0.02,0.23,0"]),
+    // Light from the side shows what was carved, and asks for more precision.
+    ("inscription", &["--camera=-0.04,-0.33,0.66:0,-0.355,0.2", "--light=-78,12", "--tau", "0.1"]),
 ];
 
 pub fn demo(options: &DemoOptions) -> Result<ExitCode, Failure> {
@@ -71,10 +71,10 @@ pub fn demo(options: &DemoOptions) -> Result<ExitCode, Failure> {
 fn draw(model: &Path) -> Result<Vec<PathBuf>, Failure> {
     let folder = Path::new(FOLDER);
     let mut written = Vec::new();
-    for (name, camera) in VIEWS {
+    for (name, arguments) in VIEWS {
         let picture = folder.join(format!("{name}.png"));
         let mut shot = program("hlod-render")?;
-        shot.arg("shot").arg(model).arg("-o").arg(&picture).args(["--camera", camera]);
+        shot.arg("shot").arg(model).arg("-o").arg(&picture).args(arguments);
         shot.args(["--size", "1000x1000", "--supersampling", "2"]);
         run::run(&mut shot)?;
         written.push(picture);

@@ -42,10 +42,11 @@ pub fn announce_first_build(profile: &str, duration: &str) -> Result<(), Failure
 
 /// Shows the command, runs it on this terminal and waits. A failed command is an error.
 pub fn run(command: &mut Command) -> Result<(), Failure> {
-    println!("$ {}", shown(command));
-    match command.status() {
+    let line = shown(command);
+    println!("$ {line}");
+    match with_runtime_folder(command).status() {
         Ok(status) if status.success() => Ok(()),
-        Ok(status) => Err(Failure::Work(format!("This failed ({status}): {}", shown(command)))),
+        Ok(status) => Err(Failure::Work(format!("This failed ({status}): {line}"))),
         Err(error) => Err(cannot_start(command, &error)),
     }
 }
@@ -53,10 +54,13 @@ pub fn run(command: &mut Command) -> Result<(), Failure> {
 /// Shows the command, runs it, passes its standard output on and shows `observe` every line
 /// of it. Returns whether the command succeeded.
 pub fn run_observed(command: &mut Command, mut observe: impl FnMut(&str)) -> Result<bool, Failure> {
-    println!("$ {}", shown(command));
-    let mut child =
-        command.stdout(Stdio::piped()).spawn().map_err(|error| cannot_start(command, &error))?;
-    let lost = |error| Failure::Work(format!("lost the output of {}: {error}", shown(command)));
+    let line = shown(command);
+    println!("$ {line}");
+    let mut child = with_runtime_folder(command)
+        .stdout(Stdio::piped())
+        .spawn()
+        .map_err(|error| cannot_start(command, &error))?;
+    let lost = |error| Failure::Work(format!("lost the output of {line}: {error}"));
 
     // Bytes rather than `lines()`: a test may print what is not UTF-8.
     let mut output = BufReader::new(child.stdout.take().expect("it was just piped"));
@@ -89,6 +93,31 @@ pub fn shown(command: &Command) -> String {
         .filter_map(|(name, value)| Some(format!("{}={}", name.to_string_lossy(), quoted(value?))));
     let words = std::iter::once(program.as_os_str()).chain(command.get_args()).map(quoted);
     variables.chain(words).collect::<Vec<_>>().join(" ")
+}
+
+/// Where a login has set no `XDG_RUNTIME_DIR`, as in containers, graphics drivers complain on
+/// every start: give them a folder of our own, which nobody else may read.
+#[cfg(target_os = "linux")]
+fn with_runtime_folder(command: &mut Command) -> &mut Command {
+    use std::os::unix::fs::DirBuilderExt;
+    if std::env::var_os("XDG_RUNTIME_DIR").is_some() {
+        return command;
+    }
+    let folder = target_folder().map(|target| target.join("runtime"));
+    // Without it, they complain and work.
+    match folder {
+        Ok(folder)
+            if std::fs::DirBuilder::new().recursive(true).mode(0o700).create(&folder).is_ok() =>
+        {
+            command.env("XDG_RUNTIME_DIR", folder)
+        }
+        _ => command,
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn with_runtime_folder(command: &mut Command) -> &mut Command {
+    command
 }
 
 fn cannot_start(command: &Command, error: &std::io::Error) -> Failure {
