@@ -237,7 +237,7 @@ fn grouped(number: u64) -> String {
 fn status_line(ui: &Ui, rect: egui::Rect, readings: &Readings) {
     let mut parts = Vec::new();
     if let Some(secs) = readings.recording_secs {
-        parts.push(format!("⏺ recording {secs:.0} s (R saves)"));
+        parts.push(format!("recording {secs:.0} s (R saves)"));
     }
     if readings.flying {
         parts.push("flying (V ends)".to_owned());
