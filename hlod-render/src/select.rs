@@ -1,4 +1,4 @@
-//! The receivers' front: which nodes are drawn (DESIGN.md 4.1; Guthe et al. 2004, section 4).
+//! The receivers' front: which nodes are drawn (Guthe et al. 2004, section 4).
 //!
 //! A node is drawn where its error covers at most τ pixels; otherwise its children are. Where a
 //! child that is wanted is not resident, the nearest resident ancestor is drawn in its place and

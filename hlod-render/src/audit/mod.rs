@@ -1,4 +1,4 @@
-//! What is drawn, compared with the scan itself (DESIGN.md, section 5).
+//! What is drawn, compared with the scan itself.
 //!
 //! For each view the scan is drawn at full resolution with 4 × 4 samples a pixel, by the same
 //! passes but from its own vertices: neither the builder nor the octree has a part in it. Then

@@ -44,7 +44,6 @@ fn run_view(cli: &Cli, args: &args::ViewArgs) -> Outcome {
         limits: args.memory.limits(),
         error_threshold_px: args.precision.tau,
         representation: args.precision.representation.validated().map_err(Failure::Usage)?,
-        camera: None,
         light: Some((azimuth, elevation)),
         size: args.size,
         adapter: cli.adapter(),

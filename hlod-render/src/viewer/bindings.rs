@@ -65,7 +65,7 @@ const fn named(key: NamedKey, action: Action) -> Binding {
     plain(Pressed::Named(key), action)
 }
 
-const BINDINGS: [Binding; 31] = [
+const BINDINGS: [Binding; 32] = [
     character("f", Action::Fit),
     named(NamedKey::Home, Action::Home),
     plain(Pressed::Place(KeyCode::Digit1), Action::NamedView(0)),
@@ -91,6 +91,8 @@ const BINDINGS: [Binding; 31] = [
     named(NamedKey::ArrowUp, Action::Turn(0, 1)),
     named(NamedKey::ArrowDown, Action::Turn(0, -1)),
     character("+", Action::Zoom(1)),
+    // The same key without Shift on many layouts.
+    character("=", Action::Zoom(1)),
     character("-", Action::Zoom(-1)),
     character("n", Action::TogglePanel),
     named(NamedKey::F1, Action::ToggleHelp),

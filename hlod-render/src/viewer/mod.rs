@@ -35,7 +35,6 @@ use std::time::Duration;
 
 use winit::event_loop::{ControlFlow, EventLoop};
 
-use crate::camera::Camera;
 use crate::error::RenderError;
 use crate::gpu::AdapterChoice;
 use crate::model::ModelLimits;
@@ -52,8 +51,6 @@ pub struct ViewOptions {
     pub error_threshold_px: f64,
     /// Which hierarchy.
     pub representation: Representation,
-    /// First view; the three-quarter view where there is none.
-    pub camera: Option<Camera>,
     /// Azimuth and elevation of the light in degrees relative to the picture; from the upper left
     /// where there is none.
     pub light: Option<(f64, f64)>,

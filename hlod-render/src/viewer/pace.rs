@@ -1,5 +1,5 @@
-//! Keeping the window usable on slow machines: τ rises while moving and is restored at rest
-//! (DESIGN.md 4.6), and frames are timed.
+//! Keeping the window usable on slow machines: τ rises while moving and is restored at rest,
+//! and frames are timed.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};

@@ -128,7 +128,10 @@ fn views(ui: &mut Ui, readings: &Readings, actions: &mut Vec<Action>) {
 }
 
 fn precision(ui: &mut Ui, settings: &mut Settings) {
-    let tau = Slider::new(&mut settings.error_threshold_px, 0.25..=8.0).logarithmic(true);
+    let tau = Slider::new(&mut settings.error_threshold_px, 0.1..=8.0)
+        .logarithmic(true)
+        // What the command line asked for stays.
+        .clamping(egui::SliderClamping::Edits);
     let full = settings.representation == Representation::Full;
     ui.add_enabled(!full, tau.max_decimals(2).suffix(" px").text("τ"))
         .on_hover_text("the largest error on the screen: smaller is finer and slower");

@@ -95,7 +95,7 @@ impl Session {
         } else {
             self.advanced = None;
         }
-        let (eye, target) = self.viewpoint();
+        let (eye, target) = self.navigation.viewpoint();
         if let Some(recording) = &mut self.recording {
             recording.sample(now, self.navigation.framing(), eye, target);
         }
@@ -279,12 +279,8 @@ impl Session {
         }
     }
 
-    fn viewpoint(&self) -> (DVec3, DVec3) {
-        self.navigation.viewpoint()
-    }
-
     fn toggle_recording(&mut self, now: Instant) {
-        let (eye, target) = self.viewpoint();
+        let (eye, target) = self.navigation.viewpoint();
         let framing: Framing = *self.navigation.framing();
         let Some(recording) = self.recording.take() else {
             self.recording = Some(Recording::begin(now, &framing, eye, target));

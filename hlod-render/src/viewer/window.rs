@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use glam::DVec2;
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
-use winit::event::WindowEvent;
+use winit::event::{ElementState, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy};
 use winit::window::{Window, WindowId};
 
@@ -181,7 +181,7 @@ impl Open {
         let model = Model::open(&gpu, &options.file, options.limits)?;
         let (width, height) = screen.size();
         let size = DVec2::new(width.into(), height.into());
-        let navigation = Navigation::new(Framing::of(&model), options.camera, size);
+        let navigation = Navigation::new(Framing::of(&model), size);
         let points = f64::from(width) / window.scale_factor();
         let defaults = Settings::default();
         let settings = Settings {
@@ -247,9 +247,14 @@ impl Open {
         if matches!(event, WindowEvent::MouseInput { .. }) && !for_panel {
             self.gui.release_keyboard();
         }
-        // What a drag began with belongs to it; the cursor's place is always of interest.
+        // What a drag began with belongs to it; the cursor's place and what is let go are always of
+        // interest.
         let always = self.input.is_dragging()
-            || matches!(event, WindowEvent::CursorMoved { .. } | WindowEvent::ModifiersChanged(_));
+            || match event {
+                WindowEvent::CursorMoved { .. } | WindowEvent::ModifiersChanged(_) => true,
+                WindowEvent::KeyboardInput { event, .. } => event.state == ElementState::Released,
+                _ => false,
+            };
         let changed = (!for_panel || always) && self.input.on_event(event, &mut self.session, now);
         if changed || panel_changed {
             self.want_redraw();
@@ -307,6 +312,7 @@ impl Open {
         let readings = self.session.readings(&self.gpu, now);
         let (gui, settings) = (&mut self.gui, &mut self.session.settings);
         let mut actions = Vec::new();
+        let before = settings.clone();
         let mut rect = egui::Rect::NOTHING;
         let mut pixels_per_point = 1.0;
         let laid = gui.run(&self.gpu, &self.window, |ui| {
@@ -316,6 +322,10 @@ impl Open {
         self.gui_again =
             now.checked_add(laid.again_after).filter(|_| laid.again_after < Duration::MAX);
         self.gui.statue = rect;
+        if self.session.settings != before {
+            // As smooth as any other motion.
+            self.session.motion.note(now);
+        }
         for action in actions {
             self.session.act(action, now);
             self.redraw_wanted = true;

@@ -55,7 +55,7 @@ impl Need {
                 "libXrandr.so.2",
                 "libxkbcommon-x11.so.0",
             ]),
-            Need::VirtualDisplay => programs(&["Xvfb", "xdotool", "xwininfo", "import"]),
+            Need::VirtualDisplay => programs(&["Xvfb", "xdotool", "import"]),
         }
     }
 }

@@ -72,9 +72,7 @@ pub struct Navigation {
     size: DVec2,
     pose: Pose,
     home: Pose,
-    /// The first view fits the statue to the picture, whatever the picture's size.
-    home_fits: bool,
-    /// So does the present one: nobody has moved since.
+    /// The view fits the statue to the picture, whatever the picture's size: nobody has moved.
     fits: bool,
     parallel: bool,
     flying: bool,
@@ -84,29 +82,21 @@ pub struct Navigation {
 }
 
 impl Navigation {
-    /// Begins at `camera`, or at the three-quarter view. `size` is that of the picture in pixels.
-    pub fn new(framing: Framing, camera: Option<Camera>, size: DVec2) -> Navigation {
-        let fov_y = match camera.map(|c| c.projection) {
-            Some(Projection::Perspective { fov_y }) => fov_y,
-            _ => FOV_Y_DEG.to_radians(),
-        };
-        let parallel =
-            camera.is_some_and(|c| matches!(c.projection, Projection::Orthographic { .. }));
+    /// Begins at the three-quarter view. `size` is that of the picture in pixels.
+    pub fn new(framing: Framing, size: DVec2) -> Navigation {
+        let fov_y = FOV_Y_DEG.to_radians();
         let size = size.max(DVec2::ONE);
-        let first = camera.unwrap_or_else(|| {
-            let (_, direction) = NAMED_VIEWS[6];
-            framing.fitting(direction, size.x / size.y, fov_y.to_degrees())
-        });
-        let pose = Pose::from_camera(&first, &framing, fov_y);
+        let (_, direction) = NAMED_VIEWS[6];
+        let first = framing.fitting(direction, size.x / size.y, FOV_Y_DEG);
+        let pose = Pose::from_camera(&first, &framing);
         Navigation {
             framing,
             fov_y,
             size,
             pose,
             home: pose,
-            home_fits: camera.is_none(),
-            fits: camera.is_none(),
-            parallel,
+            fits: true,
+            parallel: false,
             flying: false,
             fly: FlyInput::default(),
             gesture: None,
@@ -267,7 +257,7 @@ impl Navigation {
     /// Goes back to the first view.
     pub fn home(&mut self) {
         self.flying = false;
-        self.go(self.home, self.home_fits);
+        self.go(self.home, true);
     }
 
     /// Goes to the named view of this number in [`NAMED_VIEWS`].
@@ -276,7 +266,7 @@ impl Navigation {
         self.flying = false;
         let aspect = self.size.x / self.size.y;
         let camera = self.framing.fitting(*direction, aspect, self.fov_y.to_degrees());
-        let pose = Pose::from_camera(&camera, &self.framing, self.fov_y);
+        let pose = Pose::from_camera(&camera, &self.framing);
         self.go(pose, true);
     }
 

@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use glam::DVec3;
 
-use crate::camera::{Camera, Projection};
+use crate::camera::Camera;
 use crate::framing::Framing;
 
 /// A view in the terms in which people move: round something, nearer, further, higher.
@@ -22,8 +22,8 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// The pose of a camera. A camera that is rolled comes out upright.
-    pub fn from_camera(camera: &Camera, framing: &Framing, fov_y: f64) -> Pose {
+    /// The pose of a perspective camera. A camera that is rolled comes out upright.
+    pub fn from_camera(camera: &Camera, framing: &Framing) -> Pose {
         let [right, up, front] = framing.axes;
         let [camera_right, _, back] = camera.axes();
         let sine = back.dot(up).clamp(-1.0, 1.0);
@@ -33,10 +33,7 @@ impl Pose {
         } else {
             back.dot(right).atan2(back.dot(front))
         };
-        let distance = match camera.projection {
-            Projection::Perspective { .. } => camera.eye.distance(camera.target),
-            Projection::Orthographic { height } => height / (2.0 * (fov_y / 2.0).tan()),
-        };
+        let distance = camera.eye.distance(camera.target);
         Pose { focus: camera.target, yaw, pitch: sine.asin(), distance }
     }
 

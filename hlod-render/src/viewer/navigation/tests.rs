@@ -10,7 +10,7 @@ fn framing() -> Framing {
 }
 
 fn navigation(parallel: bool) -> Navigation {
-    let mut n = Navigation::new(framing(), None, SIZE);
+    let mut n = Navigation::new(framing(), SIZE);
     if parallel {
         n.toggle_parallel();
     }

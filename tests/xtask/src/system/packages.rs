@@ -24,7 +24,7 @@ const MANAGERS: [Manager; 4] = [
         vulkan_loader: "libvulkan1",
         vulkan_driver: "mesa-vulkan-drivers",
         window_libraries: "libx11-6 libx11-xcb1 libxcursor1 libxi6 libxrandr2 libxkbcommon-x11-0",
-        virtual_display: "xvfb xdotool x11-utils imagemagick",
+        virtual_display: "xvfb xdotool imagemagick",
     },
     Manager {
         program: "dnf",
@@ -33,7 +33,7 @@ const MANAGERS: [Manager; 4] = [
         vulkan_loader: "vulkan-loader",
         vulkan_driver: "mesa-vulkan-drivers",
         window_libraries: "libX11 libX11-xcb libXcursor libXi libXrandr libxkbcommon-x11",
-        virtual_display: "xorg-x11-server-Xvfb xdotool xwininfo ImageMagick",
+        virtual_display: "xorg-x11-server-Xvfb xdotool ImageMagick",
     },
     Manager {
         program: "pacman",
@@ -42,7 +42,7 @@ const MANAGERS: [Manager; 4] = [
         vulkan_loader: "vulkan-icd-loader",
         vulkan_driver: "vulkan-swrast",
         window_libraries: "libx11 libxcursor libxi libxrandr libxkbcommon-x11",
-        virtual_display: "xorg-server-xvfb xdotool xorg-xwininfo imagemagick",
+        virtual_display: "xorg-server-xvfb xdotool imagemagick",
     },
     Manager {
         program: "zypper",
@@ -51,7 +51,7 @@ const MANAGERS: [Manager; 4] = [
         vulkan_loader: "libvulkan1",
         vulkan_driver: "libvulkan_lvp",
         window_libraries: "libX11-6 libX11-xcb1 libXcursor1 libXi6 libXrandr2 libxkbcommon-x11-0",
-        virtual_display: "xorg-x11-server-Xvfb xdotool xwininfo ImageMagick",
+        virtual_display: "xorg-x11-server-Xvfb xdotool ImageMagick",
     },
 ];
 
