@@ -76,9 +76,17 @@ pub struct Errors {
     pub geometric: f32,
     /// What `geometric` is worth.
     pub geometric_status: BoundStatus,
-    /// Deviation of normals in degrees, largest over 100, 99 and 90 % of the original's area;
-    /// sampled at the original's vertices.
+    /// ε_vis, in the source's unit: how far from its place what is seen of the original is found
+    /// on this representation. An estimate, never below `geometric`.
+    pub visual: f32,
+    /// Deviation of normals in degrees. For every point of either surface there is a point of the
+    /// other within `geometric` whose normal differs by no more than the first; for 99 and 90 % of
+    /// this surface's area by no more than the others. As trustworthy as `geometric`, against the
+    /// original's normals after smoothing.
     pub normal_deviation_deg: [f32; 3],
+    /// The original's normals were smoothed by no more than this, in degrees: detail below the
+    /// resolution of the level at which it was lost, and vertices at one place joined.
+    pub normal_smoothing_deg: f32,
 }
 
 impl Errors {
@@ -86,10 +94,12 @@ impl Errors {
     pub const NONE: Errors = Errors {
         geometric: 0.0,
         geometric_status: BoundStatus::Proven,
+        visual: 0.0,
         normal_deviation_deg: [0.0; 3],
+        normal_smoothing_deg: 0.0,
     };
 
-    const BYTES: usize = 4 + 1 + 12;
+    const BYTES: usize = 4 + 1 + 4 + 12 + 4;
 }
 
 /// One way in which a node can be drawn.
@@ -110,6 +120,15 @@ pub struct Representation {
 }
 
 impl Representation {
+    /// The error by which a node is selected, in the source's unit: shape alone for geometric
+    /// representations, what is seen for all others.
+    pub fn selecting_error(&self) -> f32 {
+        match self.kind {
+            RepresentationKind::Geometric => self.errors.geometric,
+            _ => self.errors.geometric.max(self.errors.visual),
+        }
+    }
+
     const BYTES: usize = 1 + Errors::BYTES + 12 + 16;
 }
 
@@ -197,9 +216,11 @@ impl NodeRecord {
             w.u8(r.kind as u8);
             w.f32(r.errors.geometric);
             w.u8(r.errors.geometric_status as u8);
+            w.f32(r.errors.visual);
             for angle in r.errors.normal_deviation_deg {
                 w.f32(angle);
             }
+            w.f32(r.errors.normal_smoothing_deg);
             w.u32(r.vertices);
             w.u32(r.triangles);
             w.u32(r.points);
@@ -273,15 +294,24 @@ impl NodeRecord {
             2 => BoundStatus::Proven,
             _ => return bad("unknown kind of bound"),
         };
+        let visual = r.f32()?;
         let normal_deviation_deg = [r.f32()?, r.f32()?, r.f32()?];
-        if !(geometric >= 0.0 && geometric.is_finite())
-            || normal_deviation_deg.iter().any(|a| !(0.0..=180.0).contains(a))
+        let normal_smoothing_deg = r.f32()?;
+        let is_length = |length: f32| length >= 0.0 && length.is_finite();
+        let mut angles = normal_deviation_deg.iter().chain([&normal_smoothing_deg]);
+        if !is_length(geometric) || !is_length(visual) || angles.any(|a| !(0.0..=180.0).contains(a))
         {
             return bad("an error is not a length or an angle");
         }
         Ok(Representation {
             kind,
-            errors: Errors { geometric, geometric_status, normal_deviation_deg },
+            errors: Errors {
+                geometric,
+                geometric_status,
+                visual,
+                normal_deviation_deg,
+                normal_smoothing_deg,
+            },
             vertices: r.u32()?,
             triangles: r.u32()?,
             points: r.u32()?,

@@ -1,8 +1,8 @@
 //! The octree of levels of detail, from the leaves up.
 //!
 //! A node gathers the simplified geometry two levels below (Guthe et al. 2004, section 3) — a
-//! child that is a leaf gives its own — and simplifies what that adds to. Its error is the
-//! largest error of what was gathered plus the distance that this step added.
+//! child that is a leaf gives its own — and simplifies what that adds to. What each
+//! triangle is known to be wrong by travels with it: a level adds its own step.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -12,10 +12,11 @@ use hlod_compress::{
 };
 use rayon::prelude::*;
 
+use crate::certificate::Carried;
 use crate::cone::ConeBuilder;
 use crate::partition::{Leaf, Vertex};
 use crate::progress::Progress;
-use crate::simplify::{Budget, Simplified, simplify};
+use crate::simplify::{Both, Budget, Simplified, Source, simplify};
 
 /// A node with its pages' bytes, ready to be laid out.
 pub struct BuiltNode {
@@ -25,17 +26,8 @@ pub struct BuiltNode {
     pub pages: Vec<Vec<u8>>,
 }
 
-/// Geometry that levels above still need.
-struct Kept {
-    mesh: Mesh,
-    /// Bound against the original, in lattice steps.
-    error: f64,
-}
-
-type Level = HashMap<CellKey, Kept>;
-
-const KINDS: [RepresentationKind; 2] =
-    [RepresentationKind::Appearance, RepresentationKind::Geometric];
+/// Simplified geometry that levels above still need.
+type Level = HashMap<CellKey, Source>;
 
 /// Number of inner nodes above these leaves.
 pub fn inner_node_count(leaves: &[Leaf]) -> u64 {
@@ -82,29 +74,29 @@ pub fn build_hierarchy(
         .collect();
 
     let deepest = inner.iter().map(|c| c.depth()).max();
-    // The two levels below the current one, for each kind.
-    let mut below: [[Level; 2]; 2] = Default::default();
+    // The two levels below the current one.
+    let mut below: [Level; 2] = Default::default();
     for depth in (0..=deepest.unwrap_or(0)).rev() {
         let cells: Vec<CellKey> = inner.iter().copied().filter(|c| c.depth() == depth).collect();
-        let jobs: Vec<(CellKey, usize)> =
-            cells.iter().flat_map(|&cell| [(cell, 0), (cell, 1)]).collect();
-
         // All nodes of a depth are independent of one another.
-        let results: Vec<(Kept, Representation, Vec<u8>)> = jobs
+        let results: Vec<[(Source, Representation, Vec<u8>); 2]> = cells
             .par_iter()
-            .map(|&(cell, kind)| {
-                let (source, source_error) = gather(cell, &inner, &leaves, &below[kind][1]);
-                let budget = budget(cell, lattice, resolution, source_error);
-                let simplified = simplify(&source, KINDS[kind], &budget);
-                let out = encode_inner(KINDS[kind], simplified, source_error, lattice, &budget);
+            .map(|&cell| {
+                let source = gather(cell, &inner, &leaves, &below[1]);
+                let budget = budget(cell, lattice, resolution, source.distance());
+                let Both { appearance, geometric } = simplify(&source, &budget);
+                let encode = |kind, simplified| encode_inner(kind, simplified, lattice, &budget);
+                let out = [
+                    encode(RepresentationKind::Appearance, appearance)?,
+                    encode(RepresentationKind::Geometric, geometric)?,
+                ];
                 progress.advance(1);
-                out
+                Ok(out)
             })
             .collect::<Result<_, FormatError>>()?;
 
-        let mut level: [Level; 2] = Default::default();
-        let mut results = results.into_iter();
-        for cell in cells {
+        let mut level = Level::default();
+        for (cell, both) in cells.into_iter().zip(results) {
             let mut pages = Vec::new();
             let mut representations = Vec::new();
             let mut summary: Option<(ConeBuilder, [[i32; 3]; 2])> = None;
@@ -113,24 +105,22 @@ pub fn build_hierarchy(
                     merge(&mut summary, cone.clone(), *bounds);
                 }
             }
-            for (level, (kept, representation, page)) in level.iter_mut().zip(results.by_ref()) {
-                if let Some((lo, hi)) = kept.mesh.bounds() {
-                    merge(&mut summary, ConeBuilder::of_mesh(&kept.mesh), [lo, hi]);
+            for (source, representation, page) in both {
+                if let Some((lo, hi)) = source.mesh.bounds() {
+                    merge(&mut summary, ConeBuilder::of_mesh(&source.mesh), [lo, hi]);
                 }
-                level.insert(cell, kept);
                 representations.push(representation);
                 pages.push(page);
+                // The appearance is what levels above are made of.
+                level.entry(cell).or_insert(source);
             }
             let (cone, bounds) = summary.expect("an inner node has children");
             let record = record(cell, flags, bounds, cone.finish(), representations);
             summaries.insert(cell, (cone, bounds));
             built.push(BuiltNode { record, pages });
         }
-        for (below, level) in below.iter_mut().zip(level) {
-            let [one, two] = std::mem::take(below);
-            drop(two);
-            *below = [level, one];
-        }
+        let [one, _] = below;
+        below = [level, one];
     }
     Ok(built)
 }
@@ -152,7 +142,7 @@ fn merge(
     }
 }
 
-/// The error budget e/R of DESIGN.md 3.2 less what the source already lost.
+/// The error budget, edge ÷ resolution, less what the source already lost.
 fn budget(cell: CellKey, lattice: &Lattice, resolution: u32, source_error: f64) -> Budget {
     let cell_units = lattice.cell_units(cell.depth());
     let whole = f64::from(cell_units) / f64::from(resolution);
@@ -167,43 +157,47 @@ fn budget(cell: CellKey, lattice: &Lattice, resolution: u32, source_error: f64) 
     }
 }
 
-/// Geometry two levels below with its error: vertices that are equal in every attribute are
-/// joined, so that simplification crosses the faces between the cells.
+/// Geometry two levels below; vertices that are equal in every attribute are joined.
 fn gather(
     cell: CellKey,
     inner: &BTreeSet<CellKey>,
     leaves: &HashMap<CellKey, Mesh>,
     two_below: &Level,
-) -> (Mesh, f64) {
-    let mut out = Mesh::default();
+) -> Source {
+    let mut out = Source::default();
     let mut index_of: HashMap<Vertex, u32> = HashMap::new();
-    let mut error = 0.0f64;
-    let mut add = |mesh: &Mesh| {
+    let mut add = |mesh: &Mesh, from: Option<&Source>| {
+        let joined = &mut out.mesh;
         let new_from_old: Vec<u32> = (0..mesh.positions.len() as u32)
             .map(|v| {
                 let vertex = Vertex::of(mesh, v);
-                *index_of.entry(vertex).or_insert_with(|| vertex.push_to(&mut out))
+                *index_of.entry(vertex).or_insert_with(|| vertex.push_to(joined))
             })
             .collect();
-        out.triangles.extend(mesh.triangles.iter().map(|t| t.map(|v| new_from_old[v as usize])));
+        joined.triangles.extend(mesh.triangles.iter().map(|t| t.map(|v| new_from_old[v as usize])));
+        if let Some(from) = from {
+            out.carried.extend(&from.carried);
+            out.smoothing = out.smoothing.max(from.smoothing);
+        }
+        // Leaves are the original: they carry nothing.
+        out.carried.resize(joined.triangles.len(), Carried::default());
     };
     for octant in 0..8 {
         let child = cell.child(octant);
         if let Some(mesh) = leaves.get(&child) {
-            add(mesh);
+            add(mesh, None);
         } else if inner.contains(&child) {
             for octant in 0..8 {
                 let grandchild = child.child(octant);
                 if let Some(mesh) = leaves.get(&grandchild) {
-                    add(mesh);
-                } else if let Some(kept) = two_below.get(&grandchild) {
-                    add(&kept.mesh);
-                    error = error.max(kept.error);
+                    add(mesh, None);
+                } else if let Some(source) = two_below.get(&grandchild) {
+                    add(&source.mesh, Some(source));
                 }
             }
         }
     }
-    (out, error)
+    out
 }
 
 fn encode_leaf(leaf: &Leaf, flags: NodeFlags) -> Result<BuiltNode, FormatError> {
@@ -219,23 +213,24 @@ fn encode_leaf(leaf: &Leaf, flags: NodeFlags) -> Result<BuiltNode, FormatError> 
 fn encode_inner(
     kind: RepresentationKind,
     simplified: Simplified,
-    source_error: f64,
     lattice: &Lattice,
     budget: &Budget,
-) -> Result<(Kept, Representation, Vec<u8>), FormatError> {
-    let Simplified { mesh, distance, normal_deviation_deg } = simplified;
+) -> Result<(Source, Representation, Vec<u8>), FormatError> {
+    let Simplified { mesh, carried, distance, normal_deviation, smoothing, visual } = simplified;
     // Corners on the cell's faces stay on the finest grid they came from.
     let page = encode_mesh(&mesh, grid_of(&mesh, budget.grid_shift))?;
     // An error far below the budget selects nothing differently, but checking it by samples at a
     // quarter of it would take for ever.
-    let error = (source_error + distance).max(budget.whole / 8.0);
+    let error = distance.max(budget.whole / 8.0);
     let errors = Errors {
         geometric: round_up(error * lattice.step),
-        geometric_status: BoundStatus::Measured,
-        normal_deviation_deg,
+        geometric_status: BoundStatus::Proven,
+        visual: round_up(visual.max(error) * lattice.step),
+        normal_deviation_deg: normal_deviation.map(degrees_up),
+        normal_smoothing_deg: degrees_up(smoothing),
     };
     let representation = representation(kind, errors, &mesh, &page);
-    Ok((Kept { mesh, error }, representation, page))
+    Ok((Source { mesh, carried, smoothing }, representation, page))
 }
 
 /// The coarsest grid, up to `2^wanted`, that holds every position relative to the lowest.
@@ -244,6 +239,12 @@ fn grid_of(mesh: &Mesh, wanted: u8) -> u8 {
     let offsets = mesh.positions.iter().flat_map(|p| (0..3).map(move |i| p[i].abs_diff(lowest[i])));
     let bits = offsets.fold(0, |all, offset| all | offset);
     bits.trailing_zeros().min(u32::from(wanted)) as u8
+}
+
+/// Degrees of an angle in radians, not less.
+#[inline(never)]
+fn degrees_up(radians: f32) -> f32 {
+    round_up(f64::from(radians).to_degrees()).min(180.0)
 }
 
 /// A bound survives the way to f32.

@@ -4,17 +4,19 @@
 //! scan.ply .obj .stl .glb
 //!   │ ingest       all inputs as one mesh on the file's lattice
 //!   │ partition    octree cells, triangles cut at cell faces
-//!   │ hierarchy    bottom-up: gather two levels below, simplify, measure, encode
+//!   │ hierarchy    bottom-up: gather two levels below, simplify, certify, encode
 //!   ▼ pipeline     lay out, write aside, rename
 //! ```
 //!
-//! [`build`] is the outline; [`info`], [`export`] and [`verify`] read the result.
+//! [`build`] is the outline; [`info`], [`export`] and [`verify`] read the result, [`compare`] measures
+//! any mesh against another.
 
+mod certificate;
 mod colour;
+mod compare;
 mod cone;
 mod error;
 mod export;
-mod hausdorff;
 mod hierarchy;
 mod info;
 mod ingest;
@@ -28,6 +30,7 @@ pub mod synth;
 mod triangle_bvh;
 mod verify;
 
+pub use compare::{CompareReport, Direction, NormalDeviation, compare};
 pub use error::BuildError;
 pub use export::{ExportReport, Selection, export};
 pub use info::{Info, Level, SourceInfo, info};

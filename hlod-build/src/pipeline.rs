@@ -111,8 +111,7 @@ pub fn build(
     progress.end();
     meter.finish_stage("partition");
 
-    // Each inner node is simplified twice: for appearance and for shape alone.
-    progress.begin("simplify", 2 * inner_node_count(&leaves), Unit::Nodes);
+    progress.begin("simplify", inner_node_count(&leaves), Unit::Nodes);
     let nodes = build_hierarchy(leaves, &lattice, options.resolution, closed_oriented, progress)
         .map_err(BuildError::format(output))?;
     progress.end();

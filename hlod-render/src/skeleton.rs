@@ -30,7 +30,7 @@ pub struct Node {
 pub struct NodeRepresentation {
     /// What it is for.
     pub kind: RepresentationKind,
-    /// Its geometric error in the source's unit.
+    /// The error by which it is selected, in the source's unit.
     pub error: f64,
     /// Triangles in its page.
     pub triangles: u32,
@@ -114,7 +114,7 @@ impl Skeleton {
                 .iter()
                 .map(|r| NodeRepresentation {
                     kind: r.kind,
-                    error: f64::from(r.errors.geometric),
+                    error: r.selecting_error().into(),
                     triangles: r.triangles,
                     vertices: r.vertices,
                     page: r.page,

@@ -107,7 +107,7 @@ fn the_bunny_with_its_holes_is_what_it_was() {
 /// A file whose stored error is a lie is refuted.
 #[test]
 fn a_planted_error_that_is_too_small_is_caught() {
-    use hlod_compress::{FileWriter, FormatError, HlodFile};
+    use hlod_compress::{Errors, FileWriter, FormatError, HlodFile};
     let folder = tempfile::tempdir().unwrap();
     let [ply, hlod, lie] = ["b.ply", "b.hlod", "lie.hlod"].map(|n| folder.path().join(n));
     std::fs::write(&ply, bumpy_ball(90)).unwrap();
@@ -116,19 +116,33 @@ fn a_planted_error_that_is_too_small_is_caught() {
         o.resolution = 32;
     });
     let file = HlodFile::open(&hlod).unwrap();
-    let mut nodes = file.read_skeleton().unwrap();
-    let honest = nodes.clone();
-    nodes[0].representations[0].errors.geometric *= 0.8;
-    let writer = FileWriter::new(file.header().clone(), nodes).unwrap();
-    let mut bytes = Vec::new();
-    writer
-        .write::<FormatError>(&mut bytes, |cell, kind| {
+    let honest = file.read_skeleton().unwrap();
+    let write_lie = |change: &dyn Fn(&mut Errors)| {
+        let mut nodes = honest.clone();
+        change(&mut nodes[0].representations[0].errors);
+        let writer = FileWriter::new(file.header().clone(), nodes).unwrap();
+        let mut bytes = Vec::new();
+        let page = |cell, kind| {
             let node = honest.iter().find(|n| n.cell == cell).unwrap();
             file.read_page(node.representations.iter().find(|r| r.kind == kind).unwrap().page)
-        })
-        .unwrap();
-    std::fs::write(&lie, bytes).unwrap();
-    assert!(!verify(&hlod, &[], &Silent).unwrap().is_refuted());
-    let caught = verify(&lie, &[], &Silent).unwrap();
+        };
+        writer.write::<FormatError>(&mut bytes, page).unwrap();
+        std::fs::write(&lie, bytes).unwrap();
+        verify(&lie, &[], &Silent).unwrap()
+    };
+    let truth = verify(&hlod, &[], &Silent).unwrap();
+    assert!(!truth.is_refuted(), "{:?}", truth.problems);
+    let root = truth.representations.iter().find(|r| r.depth == 0).unwrap();
+    assert_eq!(root.kind, "appearance");
+
+    // Just below what samples find.
+    let caught = write_lie(&|errors| errors.geometric = root.sampled as f32 * 0.98);
     assert_eq!(caught.nodes_over_bound, 1, "{:?}", caught.problems);
+    // Normals of a ball's coarse copy differ by some degrees, and nothing was smoothed by much.
+    let caught = write_lie(&|errors| {
+        errors.normal_deviation_deg = [0.1; 3];
+        errors.normal_smoothing_deg = 0.0;
+    });
+    assert_eq!(caught.nodes_over_normal_bound, 1, "{:?}", caught.problems);
+    assert_eq!(caught.nodes_over_bound, 0, "{:?}", caught.problems);
 }

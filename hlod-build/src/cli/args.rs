@@ -30,6 +30,8 @@ pub enum Command {
     Verify(VerifyArgs),
     /// Write one level of detail as a PLY file.
     Export(ExportArgs),
+    /// Measure how far a mesh is from a reference: distances and normals, by samples.
+    Compare(CompareArgs),
     /// Make a sample: a carved bust on a plinth with an inscription of known depths.
     Synth(SynthArgs),
 }
@@ -40,6 +42,19 @@ pub struct JsonArgs {
     /// Print the result as JSON, or write it to FILE.
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     pub json: Option<Option<PathBuf>>,
+}
+
+#[derive(Args)]
+pub struct CompareArgs {
+    /// What is right: a scan (PLY, OBJ, STL, GLB, glTF).
+    pub reference: PathBuf,
+    /// What is measured against it.
+    pub mesh: PathBuf,
+    /// Samples on faces; all vertices and middles of edges are sampled as well.
+    #[arg(long, default_value_t = 300_000, value_parser = clap::value_parser!(u32).range(1..=100_000_000))]
+    pub samples: u32,
+    #[command(flatten)]
+    pub json: JsonArgs,
 }
 
 #[derive(Args)]

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use hlod_build::progress::{Progress, Unit};
 use hlod_build::synth::{StatueOptions, describe, write_statue};
-use hlod_build::{build, export, info, verify};
+use hlod_build::{build, compare, export, info, verify};
 use outcome::Outcome;
 use serde::Serialize;
 
@@ -69,6 +69,10 @@ pub fn run(cli: &Cli) -> Outcome {
         }
         Command::Verify(args) => run_verify(args, &progress),
         Command::Export(args) => run_export(args),
+        Command::Compare(args) => {
+            let report = compare(&args.reference, &args.mesh, args.samples, &progress)?;
+            print(&args.json, &report, || tables::compare(&report))
+        }
         Command::Synth(args) => run_synth(args, &progress),
     }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use comfy_table::{CellAlignment, Table, presets};
 use hlod_build::synth::StatueReport;
-use hlod_build::{BuildReport, ExportReport, Info, VerifyReport};
+use hlod_build::{BuildReport, CompareReport, ExportReport, Info, VerifyReport};
 use hlod_scan::ScanReport;
 
 /// A borderless table whose first column is text and whose others are numbers.
@@ -144,6 +144,7 @@ pub fn verify(report: &VerifyReport) -> String {
         ("nodes", grouped(report.nodes)),
         ("representations sampled", grouped(report.representations_sampled)),
         ("over their stored error", grouped(report.nodes_over_bound)),
+        ("over their stored deviation of normals", grouped(report.nodes_over_normal_bound)),
         ("stored ÷ sampled, median", format!("{:.3}", report.tightness_median)),
         ("stored ÷ sampled, 95 %", format!("{:.3}", report.tightness_p95)),
         ("independent bound ÷ stored, max", format!("{:.3}", report.independent_ratio_max)),
@@ -161,6 +162,29 @@ pub fn verify(report: &VerifyReport) -> String {
     let verdict = if report.is_refuted() { "REFUTED" } else { "nothing refuted" };
     let problems: String = report.problems.iter().map(|p| format!("\n- {p}")).collect();
     format!("{summary}\n{verdict}{problems}")
+}
+
+pub fn compare(report: &CompareReport) -> String {
+    let relative = |value: f64| format!("{:.4} %", 100.0 * value / report.diagonal);
+    let mut distances = table(&["distance", "largest", "of diagonal", "RMS", "of diagonal"]);
+    for (name, d) in
+        [("reference to mesh", &report.forward), ("mesh to reference", &report.backward)]
+    {
+        let cells = [length(d.max), relative(d.max), length(d.rms), relative(d.rms)];
+        distances.add_row([name, &cells[0], &cells[1], &cells[2], &cells[3]]);
+    }
+    let mut normals = table(&["normals", "mean", "95 %"]);
+    for (name, d) in
+        [("of faces", &report.face_normal_deg), ("as shaded", &report.shading_normal_deg)]
+    {
+        normals.add_row([name, &format!("{:.2}°", d.mean), &format!("{:.2}°", d.p95)]);
+    }
+    format!(
+        "{} triangles against {}, diagonal {}\n{distances}\n{normals}",
+        grouped(report.triangles),
+        grouped(report.triangles_reference),
+        length(report.diagonal),
+    )
 }
 
 pub fn export(report: &ExportReport, output: &Path) -> String {

@@ -11,7 +11,7 @@ use glam::DVec3;
 const SHELLS_MAX: i32 = 24;
 
 /// Triangles to which distances can be asked for.
-pub(super) struct Target {
+pub(crate) struct Target {
     triangles: Vec<[DVec3; 3]>,
     /// Their bounds.
     boxes: Vec<(DVec3, DVec3)>,
@@ -26,7 +26,7 @@ pub(super) struct Target {
 }
 
 impl Target {
-    pub(super) fn new(corners: impl Iterator<Item = [[f64; 3]; 3]>) -> Target {
+    pub(crate) fn new(corners: impl Iterator<Item = [[f64; 3]; 3]>) -> Target {
         let triangles: Vec<[DVec3; 3]> = corners.map(|t| t.map(DVec3::from_array)).collect();
         let bounds = |t: &[DVec3; 3]| (t[0].min(t[1]).min(t[2]), t[0].max(t[1]).max(t[2]));
         let (mut low, mut high, mut sum) = (DVec3::INFINITY, DVec3::NEG_INFINITY, 0.0);
@@ -69,54 +69,83 @@ impl Target {
 
     /// Distance to the nearest triangle; infinite where there is none.
     pub(super) fn distance(&self, p: [f64; 3]) -> f64 {
+        self.nearest(p).0
+    }
+
+    /// Distance to the nearest triangle, and which it is; infinite, and 0, where there is none.
+    pub(crate) fn nearest(&self, p: [f64; 3]) -> (f64, usize) {
         if self.triangles.is_empty() {
-            return f64::INFINITY;
+            return (f64::INFINITY, 0);
         }
         let p = DVec3::from_array(p);
         let centre = cell(p, self.low, self.size);
         // From far outside, shells begin where the grid does.
         let outside = centre.iter().map(|&c| (-i64::from(c)).max(i64::from(c) - self.cells)).max();
-        let mut best2 = f64::INFINITY;
+        let mut best = (f64::INFINITY, 0);
         for radius in outside.unwrap_or(0).max(0).min(i64::from(SHELLS_MAX)) as i32.. {
             if radius >= SHELLS_MAX {
                 // Shells grow with the square of their radius: from here on every triangle is
                 // tried instead.
-                for (triangle, &(lo, hi)) in self.triangles.iter().zip(&self.boxes) {
-                    if box_distance2(p, lo, hi) < best2 {
-                        best2 = best2.min(distance2(p, triangle));
-                    }
-                }
+                (0..self.triangles.len()).for_each(|t| self.try_triangle(p, t, &mut best));
                 break;
             }
-            self.shell(p, centre, radius, &mut best2);
+            self.shell(p, centre, radius, &mut best);
             // What lies beyond this shell is at least so far away.
             let beyond = f64::from(radius) * self.size;
-            if best2 <= beyond * beyond {
+            if best.0 <= beyond * beyond {
                 break;
             }
         }
-        best2.sqrt()
+        (best.0.sqrt(), best.1)
     }
 
-    /// Improves `best2` by the triangles of all cells at Chebyshev distance `radius`.
-    fn shell(&self, p: DVec3, [cx, cy, cz]: [i32; 3], radius: i32, best2: &mut f64) {
+    /// Calls `visit(triangle)` for the triangles within `radius` of a point, some of them several
+    /// times, until it answers that it has seen enough.
+    pub(super) fn within(&self, p: [f64; 3], radius: f64, mut visit: impl FnMut(usize) -> bool) {
+        let p = DVec3::from_array(p);
+        let (a, b) = (cell(p - radius, self.low, self.size), cell(p + radius, self.low, self.size));
+        let clamp = |c: i32| i64::from(c).clamp(-1, self.cells) as i32;
+        for x in clamp(a[0])..=clamp(b[0]) {
+            for y in clamp(a[1])..=clamp(b[1]) {
+                for z in clamp(a[2])..=clamp(b[2]) {
+                    let Some(&(start, end)) = self.ranges.get(&[x, y, z]) else { continue };
+                    for &t in &self.entries[start as usize..end as usize] {
+                        let near = distance2(p, &self.triangles[t as usize]) <= radius * radius;
+                        if near && visit(t as usize) {
+                            return;
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Improves `best` by the triangles of all cells at Chebyshev distance `radius`.
+    fn shell(&self, p: DVec3, [cx, cy, cz]: [i32; 3], radius: i32, best: &mut (f64, usize)) {
         for x in cx - radius..=cx + radius {
             for y in cy - radius..=cy + radius {
                 let rim = (x - cx).abs() == radius || (y - cy).abs() == radius;
                 let step = if rim { 1 } else { (2 * radius).max(1) };
                 for z in (cz - radius..=cz + radius).step_by(step as usize) {
                     let low = self.low + DVec3::new(x.into(), y.into(), z.into()) * self.size;
-                    if box_distance2(p, low, low + self.size) >= *best2 {
+                    if box_distance2(p, low, low + self.size) >= best.0 {
                         continue;
                     }
                     let Some(&(start, end)) = self.ranges.get(&[x, y, z]) else { continue };
                     for &triangle in &self.entries[start as usize..end as usize] {
-                        let (lo, hi) = self.boxes[triangle as usize];
-                        if box_distance2(p, lo, hi) < *best2 {
-                            *best2 = best2.min(distance2(p, &self.triangles[triangle as usize]));
-                        }
+                        self.try_triangle(p, triangle as usize, best);
                     }
                 }
+            }
+        }
+    }
+
+    fn try_triangle(&self, p: DVec3, triangle: usize, best: &mut (f64, usize)) {
+        let (lo, hi) = self.boxes[triangle];
+        if box_distance2(p, lo, hi) < best.0 {
+            let distance2 = distance2(p, &self.triangles[triangle]);
+            if distance2 < best.0 {
+                *best = (distance2, triangle);
             }
         }
     }

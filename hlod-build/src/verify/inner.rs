@@ -7,6 +7,7 @@ use hlod_compress::{CellKey, Lattice, Mesh, NodeRecord, RepresentationKind};
 
 use super::RepresentationCheck;
 use super::distance::Target;
+use super::normals::{Normals, largest_angle};
 use crate::progress::Progress;
 
 /// Samples every representation of a node both ways; `meshes` are their decoded pages.
@@ -23,6 +24,7 @@ pub(super) fn check(
         .map(|(_, mesh)| mesh)
         .collect();
     let to_original = Target::new(originals.iter().flat_map(|mesh| corners(mesh)));
+    let original_normals = Normals::new(originals.iter().copied());
     let mut out = Vec::new();
     for (representation, mesh) in node.representations.iter().zip(meshes) {
         let stored = f64::from(representation.errors.geometric);
@@ -34,6 +36,15 @@ pub(super) fn check(
             sample(original, spacing, &to_mesh, &mut largest);
         }
         sample(mesh, spacing, &to_original, &mut largest);
+        // Leaves and pages hold normals to 12 bits an axis; the file's own numbers include that.
+        let errors = &representation.errors;
+        let allowed = errors.normal_deviation_deg[0] + errors.normal_smoothing_deg;
+        let reach = stored / lattice.step;
+        let normals = Normals::new(std::iter::once(mesh));
+        let mut angle = largest_angle(mesh, &to_original, &original_normals, reach, allowed);
+        for original in &originals {
+            angle = angle.max(largest_angle(original, &to_mesh, &normals, reach, allowed));
+        }
         out.push(RepresentationCheck {
             cell: node.cell.to_string(),
             depth: node.cell.depth(),
@@ -45,6 +56,8 @@ pub(super) fn check(
             stored,
             sampled: largest.sampled * lattice.step,
             independent_bound: largest.bound * lattice.step,
+            normal_allowed_deg: allowed,
+            normal_sampled_deg: angle,
         });
         progress.advance(1);
     }

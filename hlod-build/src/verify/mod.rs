@@ -9,9 +9,10 @@
 //!   sample may be farther than the stored error; the largest sample plus the covering radius of
 //!   the samples is `independent_bound`, an upper bound that owes nothing to the builder.
 
-mod distance;
+pub(crate) mod distance;
 mod inner;
 mod leaves;
+mod normals;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -34,6 +35,9 @@ pub struct VerifyReport {
     pub representations_sampled: u64,
     /// Representations of which a sample is farther from the original than the stored error.
     pub nodes_over_bound: u64,
+    /// Representations of which a sample's normal is farther from all normals within the stored
+    /// error than the stored deviation.
+    pub nodes_over_normal_bound: u64,
     /// Median of stored error ÷ largest sample, over representations with an error.
     pub tightness_median: f64,
     /// 95th percentile of the same.
@@ -53,10 +57,16 @@ pub struct VerifyReport {
 /// No more problems than this are put into words.
 pub const PROBLEMS_MAX: usize = 50;
 
+/// Rounding of angles between f32 vectors, in degrees.
+const ANGLE_SLACK: f32 = 0.05;
+
 impl VerifyReport {
     /// Whether anything the file says turned out to be wrong.
     pub fn is_refuted(&self) -> bool {
-        self.nodes_over_bound > 0 || self.leaves_differ > 0 || !self.problems.is_empty()
+        self.nodes_over_bound > 0
+            || self.nodes_over_normal_bound > 0
+            || self.leaves_differ > 0
+            || !self.problems.is_empty()
     }
 }
 
@@ -75,6 +85,11 @@ pub struct RepresentationCheck {
     pub sampled: f64,
     /// Largest sampled distance plus covering radius.
     pub independent_bound: f64,
+    /// Stored deviation of normals and of their smoothing, together, in degrees.
+    pub normal_allowed_deg: f32,
+    /// A deviation that some sample has at least. Samples are looked into no further than is
+    /// needed to see that they do not exceed what is allowed.
+    pub normal_sampled_deg: f32,
 }
 
 /// Checks a file, against its inputs where they are given.
@@ -139,6 +154,14 @@ pub fn verify(
             c.cell, c.kind, c.sampled, c.stored
         )
     }));
+    let over = checks.iter().filter(|c| c.normal_sampled_deg > c.normal_allowed_deg + ANGLE_SLACK);
+    let nodes_over_normal_bound = over.clone().count() as u64;
+    problems.extend(over.map(|c| {
+        format!(
+            "node {} ({}): a normal is {}° from all within reach, stored deviation {}°",
+            c.cell, c.kind, c.normal_sampled_deg, c.normal_allowed_deg
+        )
+    }));
     problems.truncate(PROBLEMS_MAX);
     let mut tightness: Vec<f64> =
         checks.iter().filter(|c| c.sampled > 0.0).map(|c| c.stored / c.sampled).collect();
@@ -154,6 +177,7 @@ pub fn verify(
         nodes: nodes.len() as u64,
         representations_sampled: checks.len() as u64,
         nodes_over_bound,
+        nodes_over_normal_bound,
         tightness_median: percentile(0.5),
         tightness_p95: percentile(0.95),
         independent_ratio_max: checks.iter().map(ratio).fold(0.0, f64::max),

@@ -38,11 +38,7 @@ fn tree(depth: u8, cone: NormalCone) -> Skeleton {
             cone,
             representations: vec![Representation {
                 kind,
-                errors: Errors {
-                    geometric,
-                    geometric_status: BoundStatus::Measured,
-                    normal_deviation_deg: [0.0; 3],
-                },
+                errors: Errors { geometric, ..Errors::NONE },
                 vertices: 3,
                 triangles: 1,
                 points: 0,

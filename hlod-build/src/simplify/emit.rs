@@ -1,0 +1,163 @@
+//! From collapsed vertices to the mesh that the file will hold.
+
+use glam::{DVec3, Vec3};
+use hlod_compress::{Mesh, OctNormal};
+
+use super::Budget;
+use super::collapse::Collapser;
+use super::prepare::{Prepared, group, unit_colour};
+use crate::certificate::{Look, NONE, Surface};
+use crate::colour::average_srgba;
+
+/// A mesh on the node's grid.
+pub(super) struct Emitted {
+    pub(super) mesh: Mesh,
+    /// Which vertex of the mesh each of the source's has become; [`NONE`] where no triangle of
+    /// it is left.
+    pub(super) became: Vec<u32>,
+}
+
+/// Rounds to the grid. What lay on a face of the cell stays on it: neighbours meet there.
+/// Vertices that come to lie together are joined.
+pub(super) fn emit<const K: usize>(
+    collapser: &Collapser<'_, K>,
+    prepared: &Prepared,
+    centre: DVec3,
+    budget: &Budget,
+) -> Emitted {
+    let step = f64::from(1u32 << budget.grid_shift);
+    let count = prepared.positions.len();
+    let mut used = vec![NONE; count];
+    let mut kept: Vec<u32> = Vec::new();
+    for v in collapser.triangles().flatten() {
+        if used[v as usize] == NONE {
+            used[v as usize] = kept.len() as u32;
+            kept.push(v);
+        }
+    }
+    let vertices = collapser.vertices();
+    let positions: Vec<[i32; 3]> = kept
+        .iter()
+        .map(|&v| {
+            let vertex = &vertices[v as usize];
+            std::array::from_fn(|i| {
+                let offset = vertex.position[i] + centre[i] - f64::from(budget.cell_min[i]);
+                let rounded = if vertex.fixed[i] { offset } else { (offset / step).round() * step };
+                budget.cell_min[i] + rounded.round().clamp(0.0, budget.cell_units.into()) as i32
+            })
+        })
+        .collect();
+    let normal = |v: u32| {
+        let a = &vertices[v as usize].attributes;
+        Vec3::new(a[0] as f32, a[1] as f32, a[2] as f32).normalize_or(Vec3::Z)
+    };
+    let normals: Vec<Vec3> = kept.iter().map(|&v| normal(v)).collect();
+    let groups = group(&positions, &normals);
+    let group_count = groups.iter().map(|&g| g as usize + 1).max().unwrap_or(0);
+
+    let mut mesh = Mesh { positions: vec![[0; 3]; group_count], ..Mesh::default() };
+    let mut sums = vec![Vec3::ZERO; group_count];
+    let mut members = vec![Vec::new(); if K > 3 { group_count } else { 0 }];
+    for (i, &g) in groups.iter().enumerate() {
+        mesh.positions[g as usize] = positions[i];
+        sums[g as usize] += normals[i];
+        if K > 3 {
+            let a = &vertices[kept[i] as usize].attributes;
+            let byte = |c: f64| (c * 255.0).round().clamp(0.0, 255.0) as u8;
+            let alpha = prepared.colours[kept[i] as usize][3];
+            members[g as usize].push([byte(a[3]), byte(a[4]), byte(a[5]), alpha]);
+        }
+    }
+    mesh.normals =
+        sums.iter().map(|n| OctNormal::encode(n.normalize_or(Vec3::Z).to_array())).collect();
+    mesh.colours = members.iter().map(|m| average_srgba(m.iter().map(|&c| (c, 1.0)))).collect();
+    for t in collapser.triangles() {
+        let t = t.map(|v| groups[used[v as usize] as usize]);
+        let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
+        if a != b && b != c && c != a {
+            mesh.triangles.push(t);
+        }
+    }
+    let became = (0..count as u32)
+        .map(|v| match used[collapser.vertex_of(v) as usize] {
+            NONE => NONE,
+            kept => groups[kept as usize],
+        })
+        .collect();
+    Emitted { mesh, became }
+}
+
+/// The mesh as it will be decoded, relative to `centre`.
+pub(super) fn surface_of(mesh: &Mesh, centre: DVec3) -> Surface {
+    let positions =
+        mesh.positions.iter().map(|p| DVec3::from_array(p.map(f64::from)) - centre).collect();
+    let looks = mesh
+        .normals
+        .iter()
+        .enumerate()
+        .map(|(v, n)| Look {
+            normal: Vec3::from_array(n.decode()),
+            colour: mesh.colours.get(v).map_or(Vec3::ZERO, unit_colour),
+        })
+        .collect();
+    Surface::new(positions, looks, mesh.triangles.clone())
+}
+
+/// Adds a triangle of the source with its corners rounded to the grid, one step apart where they
+/// would fall together.
+pub(super) fn add_speck(mesh: &mut Mesh, prepared: &Prepared, triangle: u32, budget: &Budget) {
+    let step = 1i32 << budget.grid_shift;
+    let units = budget.cell_units as i32;
+    let vertices = prepared.surface.triangles[triangle as usize];
+    let mut corners = vertices.map(|v| {
+        let p = prepared.positions[v as usize];
+        std::array::from_fn::<i32, 3, _>(|i| {
+            let offset = p[i] - budget.cell_min[i];
+            let inside = offset > 0 && offset < units;
+            let rounded = (offset + step / 2) / step * step;
+            budget.cell_min[i] + if inside { rounded.min(units) } else { offset }
+        })
+    });
+    let [a, b, c] = prepared.surface.corners(triangle);
+    let normal = (b - a).cross(c - a);
+    // The corner itself and the next places on the grid, inside the cell.
+    let around = |p: [i32; 3]| {
+        (0..27).map(move |n| [n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1]).map(move |d: [i32; 3]| {
+            std::array::from_fn::<i32, 3, _>(|i| {
+                (p[i] + d[i] * step).clamp(budget.cell_min[i], budget.cell_min[i] + units)
+            })
+        })
+    };
+    let area = |corners: &[[i32; 3]; 3]| {
+        let [a, b, c] = corners.map(|p| DVec3::from_array(p.map(f64::from)));
+        (b - a).cross(c - a)
+    };
+    if area(&corners) == DVec3::ZERO {
+        let place = |p: [i32; 3]| {
+            DVec3::from_array(std::array::from_fn(|i| f64::from(p[i] - budget.cell_min[i])))
+                - DVec3::splat(f64::from(budget.cell_units) * 0.5)
+        };
+        let moved = |p: [i32; 3], from: DVec3| place(p).distance_squared(from);
+        // Of the ways to have an area and to face as the source does, the one that moves least.
+        let choices = around(corners[1])
+            .flat_map(|p| around(corners[2]).map(move |q| [p, q]))
+            .map(|[p, q]| ([p, q], area(&[corners[0], p, q])))
+            .filter(|(_, cross)| *cross != DVec3::ZERO)
+            .map(|(pq, cross)| {
+                let faces = cross.normalize().dot(normal) >= 0.5 * normal.length();
+                (pq, (!faces, moved(pq[0], b) + moved(pq[1], c)))
+            });
+        let least = choices.min_by(|(_, x), (_, y)| x.0.cmp(&y.0).then(x.1.total_cmp(&y.1)));
+        if let Some(([p, q], _)) = least {
+            corners = [corners[0], p, q];
+        }
+    }
+    let first = mesh.positions.len() as u32;
+    for (corner, v) in corners.into_iter().zip(vertices) {
+        let normal = prepared.surface.looks[v as usize].normal;
+        mesh.positions.push(corner);
+        mesh.normals.push(OctNormal::encode(normal.to_array()));
+        mesh.colours.extend(prepared.colours.get(v as usize));
+    }
+    mesh.triangles.push([first, first + 1, first + 2]);
+}

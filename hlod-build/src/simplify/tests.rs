@@ -1,0 +1,207 @@
+use hlod_compress::OctNormal;
+
+use super::*;
+
+const CELL: u32 = 1 << 16;
+
+fn budget(distance: f64) -> Budget {
+    Budget { whole: distance, distance, grid_shift: 2, cell_min: [0; 3], cell_units: CELL }
+}
+
+fn source(mesh: Mesh) -> Source {
+    let carried = vec![Carried::default(); mesh.triangles.len()];
+    Source { mesh, carried, smoothing: 0.0 }
+}
+
+/// A grid of squares over part of the cell's middle, at some height.
+fn sheet(n: u32, height: impl Fn(f64, f64) -> f64, normal: impl Fn(f64, f64) -> [f32; 3]) -> Mesh {
+    let mut mesh = Mesh::default();
+    for y in 0..=n {
+        for x in 0..=n {
+            let [u, v] = [x, y].map(|c| f64::from(c) / f64::from(n));
+            let place = |c: f64| 10_000 + (c * 40_000.0).round() as i32;
+            mesh.positions.push([place(u), place(v), 30_000 + height(u, v).round() as i32]);
+            mesh.normals.push(OctNormal::encode(normal(u, v)));
+            if x < n && y < n {
+                let a = y * (n + 1) + x;
+                mesh.triangles.push([a, a + 1, a + n + 2]);
+                mesh.triangles.push([a, a + n + 2, a + n + 1]);
+            }
+        }
+    }
+    mesh
+}
+
+fn ball(rings: u32) -> Mesh {
+    let sectors = 2 * rings;
+    let mut mesh = Mesh::default();
+    let mut add = |polar: f64, turn: f64| {
+        let d = [polar.sin() * turn.cos(), polar.sin() * turn.sin(), polar.cos()];
+        mesh.positions.push(d.map(|c| 32_768 + (20_000.0 * c).round() as i32));
+        mesh.normals.push(OctNormal::encode(d.map(|c| c as f32)));
+    };
+    add(0.0, 0.0);
+    for ring in 1..rings {
+        for sector in 0..sectors {
+            let [r, s] = [ring, sector].map(f64::from);
+            let (polar, turn) = (r / f64::from(rings), 2.0 * s / f64::from(sectors));
+            add(polar * std::f64::consts::PI, turn * std::f64::consts::PI);
+        }
+    }
+    add(std::f64::consts::PI, 0.0);
+    let last = mesh.positions.len() as u32 - 1;
+    let at = |ring: u32, sector: u32| 1 + (ring - 1) * sectors + sector % sectors;
+    for s in 0..sectors {
+        mesh.triangles.push([0, at(1, s), at(1, s + 1)]);
+        mesh.triangles.push([last, at(rings - 1, s + 1), at(rings - 1, s)]);
+        for r in 1..rings - 1 {
+            let [a, b, c, d] = [at(r, s), at(r, s + 1), at(r + 1, s), at(r + 1, s + 1)];
+            mesh.triangles.extend([[a, c, d], [a, d, b]]);
+        }
+    }
+    mesh
+}
+
+/// Twice the number of triangles less edges that only one triangle has, and Euler's number.
+fn topology(mesh: &Mesh) -> (usize, i64) {
+    let mut edges: Vec<[u32; 2]> = mesh
+        .triangles
+        .iter()
+        .flat_map(|t| (0..3).map(|k| [t[k], t[(k + 1) % 3]]))
+        .map(|[a, b]| [a.min(b), a.max(b)])
+        .collect();
+    edges.sort_unstable();
+    let open = edges.chunk_by(|a, b| a == b).filter(|c| c.len() == 1).count();
+    edges.dedup();
+    let mut vertices: Vec<u32> = mesh.triangles.as_flattened().to_vec();
+    vertices.sort_unstable();
+    vertices.dedup();
+    (open, vertices.len() as i64 - edges.len() as i64 + mesh.triangles.len() as i64)
+}
+
+#[test]
+fn a_flat_sheet_needs_a_handful_of_triangles() {
+    let flat = source(sheet(40, |_, _| 0.0, |_, _| [0.0, 0.0, 1.0]));
+    let both = simplify(&flat, &budget(64.0));
+    for simplified in [both.appearance, both.geometric] {
+        assert!(simplified.mesh.triangles.len() <= 12, "{}", simplified.mesh.triangles.len());
+        let (lo, hi) = simplified.mesh.bounds().expect("it is not empty");
+        for (bound, outline) in [(lo, 10_000), (hi, 50_000)] {
+            assert!(bound[..2].iter().all(|c| c.abs_diff(outline) <= 64), "{lo:?} {hi:?}");
+        }
+        assert!(simplified.distance <= 64.0);
+    }
+}
+
+#[test]
+fn a_ball_keeps_its_shape_within_the_budget_and_stays_closed() {
+    let ball = source(ball(80));
+    let mut last = usize::MAX;
+    for distance in [50.0, 100.0, 200.0, 400.0] {
+        let both = simplify(&ball, &budget(distance));
+        let mesh = &both.geometric.mesh;
+        assert!(both.geometric.distance <= distance && both.appearance.distance <= distance);
+        assert_eq!(topology(mesh), (0, 2));
+        assert!(mesh.triangles.len() < last, "{} {last}", mesh.triangles.len());
+        // Every corner is on the sphere to within the budget: an independent look at it.
+        for &v in mesh.triangles.as_flattened() {
+            let p = DVec3::from_array(mesh.positions[v as usize].map(f64::from));
+            let off = (p.distance(DVec3::splat(32_768.0)) - 20_000.0).abs();
+            assert!(off <= distance + 1.0, "{off}");
+        }
+        last = mesh.triangles.len();
+    }
+    // Twice the error halves a sphere's triangles; from 25,000 to what 2 % of the radius needs.
+    assert!(last < 400, "{last}");
+}
+
+/// Normals say what positions do not: a groove that is shallower than the budget.
+#[test]
+fn appearance_keeps_shading_that_shape_does_not_need() {
+    let slope = |x: f64| if (0.5..0.6).contains(&x) { 0.5 } else { 0.0 };
+    let normal = |x: f64, _: f64| {
+        let s = slope(x) as f32;
+        let length = (1.0 + s * s).sqrt();
+        [s / length, 0.0, 1.0 / length]
+    };
+    let grooved = source(sheet(60, |_, _| 0.0, normal));
+    let both = simplify(&grooved, &budget(64.0));
+    let (appearance, geometric) =
+        (both.appearance.mesh.triangles.len(), both.geometric.mesh.triangles.len());
+    assert!(geometric <= 12 && appearance > 3 * geometric, "{appearance} {geometric}");
+    // And the certificate says so.
+    let [all, _, most] = both.geometric.normal_deviation;
+    assert!(all > 0.3 && most > 0.1, "{:?}", both.geometric.normal_deviation);
+    assert!(both.appearance.visual < both.geometric.visual);
+}
+
+#[test]
+fn borders_on_cell_faces_stay_on_them() {
+    let mut mesh =
+        sheet(40, |x, y| 300.0 * (9.0 * x).sin() * (7.0 * y).cos(), |_, _| [0.0, 0.0, 1.0]);
+    // Stretch the sheet to the whole cell: its outline lies on four faces.
+    for p in &mut mesh.positions {
+        for c in &mut p[..2] {
+            *c = ((i64::from(*c) - 10_000) * i64::from(CELL) / 40_000) as i32;
+        }
+    }
+    let both = simplify(&source(mesh), &budget(100.0));
+    let mesh = &both.geometric.mesh;
+    let on_face = |p: &[i32; 3]| p[..2].iter().any(|&c| c == 0 || c == CELL as i32);
+    let (open, _) = topology(mesh);
+    let mut edges: Vec<[u32; 2]> = Vec::new();
+    for t in &mesh.triangles {
+        edges.extend((0..3).map(|k| [t[k], t[(k + 1) % 3]]));
+    }
+    let lone: Vec<_> = edges.iter().filter(|[a, b]| !edges.contains(&[*b, *a])).collect();
+    assert_eq!(lone.len(), open);
+    assert!(lone.iter().all(|e| e.iter().all(|&v| on_face(&mesh.positions[v as usize]))));
+    assert!(both.geometric.distance <= 100.0);
+}
+
+#[test]
+fn hostile_geometry_keeps_its_bound() {
+    // Coincident sheets that face apart, doubled triangles, an edge of three triangles, thousands
+    // of specks below the grid, a needle: all in one cell.
+    let mut mesh = sheet(12, |x, y| 200.0 * (x * y * 9.0).sin(), |_, _| [0.0, 0.0, 1.0]);
+    let count = mesh.positions.len() as u32;
+    let back = sheet(12, |x, y| 200.0 * (x * y * 9.0).sin(), |_, _| [0.0, 0.0, -1.0]);
+    mesh.positions.extend(back.positions);
+    mesh.normals.extend(back.normals);
+    mesh.triangles
+        .extend(back.triangles.iter().map(|t| [t[0] + count, t[2] + count, t[1] + count]));
+    let doubled: Vec<[u32; 3]> = mesh.triangles[..40].to_vec();
+    mesh.triangles.extend(doubled);
+    let mut add = |corners: [[i32; 3]; 3]| {
+        let first = mesh.positions.len() as u32;
+        mesh.positions.extend(corners);
+        mesh.normals.extend([OctNormal::encode([1.0, 0.0, 0.0]); 3]);
+        mesh.triangles.push([first, first + 1, first + 2]);
+    };
+    add([[30_000, 30_000, 30_000], [33_333, 30_000, 30_000], [31_000, 31_000, 39_000]]);
+    add([[100, 100, 100], [60_000, 100, 100], [60_000, 101, 100]]);
+    for i in 0..1_000 {
+        let p = [500 + 60 * i, 60_000, 5_000 + i % 7];
+        add([p, [p[0] + 1, p[1], p[2]], [p[0], p[1] + 1, p[2]]]);
+    }
+    let hostile = source(mesh);
+    for distance in [20.0, 150.0] {
+        let both = simplify(&hostile, &budget(distance));
+        for simplified in [&both.appearance, &both.geometric] {
+            assert!(simplified.distance <= distance, "{} {distance}", simplified.distance);
+            assert!(simplified.mesh.triangles.len() < hostile.mesh.triangles.len());
+            assert_eq!(simplified.mesh.validate(), Ok(()));
+        }
+    }
+}
+
+#[test]
+fn colours_are_kept_where_shape_needs_no_triangles() {
+    let mut mesh = sheet(40, |_, _| 0.0, |_, _| [0.0, 0.0, 1.0]);
+    let red = |p: &[i32; 3]| if (20_000..30_000).contains(&p[0]) { 255 } else { 0 };
+    mesh.colours = mesh.positions.iter().map(|p| [red(p), 0, 0, 255]).collect();
+    let both = simplify(&source(mesh), &budget(64.0));
+    assert!(both.geometric.mesh.triangles.len() <= 12);
+    let colours = &both.appearance.mesh.colours;
+    assert!(colours.iter().any(|c| c[0] > 200) && colours.iter().any(|c| c[0] < 50));
+}
