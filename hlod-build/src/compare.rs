@@ -69,7 +69,7 @@ pub fn compare(
     samples: u32,
     progress: &dyn Progress,
 ) -> Result<CompareReport, BuildError> {
-    progress.begin("compare", 4, Unit::Nodes);
+    progress.begin("compare", 4, Unit::Steps);
     let load = |path: &Path| hlod_scan::load(&[path.to_owned()], &mut |_, _| {});
     let (reference, mesh) = (load(reference)?, load(mesh)?);
     let [to_reference, to_mesh] = [&reference, &mesh].map(target);

@@ -83,6 +83,12 @@ pub struct Level {
     pub triangles_geometric_mean: f64,
     /// Largest geometric error for receivers, in the source's unit.
     pub error_max: f64,
+    /// Largest estimate of how far what is seen is from its place, for receivers, in the source's
+    /// unit.
+    pub visual_error_max: f64,
+    /// Deviation of normals for receivers, in degrees: over all, 99 and 90 % of a node's area,
+    /// mean over nodes.
+    pub normal_deviation_deg_mean: [f64; 3],
 }
 
 /// Reads what is in a file.
@@ -149,6 +155,12 @@ fn levels(nodes: &[NodeRecord]) -> Vec<Level> {
             level.triangles_mean += f64::from(r.triangles);
             level.points_mean += f64::from(r.points);
             level.error_max = level.error_max.max(f64::from(r.errors.geometric));
+            level.visual_error_max = level.visual_error_max.max(f64::from(r.errors.visual));
+            for (sum, angle) in
+                level.normal_deviation_deg_mean.iter_mut().zip(r.errors.normal_deviation_deg)
+            {
+                *sum += f64::from(angle);
+            }
         }
         if let Some(r) = node.representation(RepresentationKind::Geometric) {
             level.triangles_geometric_mean += f64::from(r.triangles);
@@ -159,6 +171,7 @@ fn levels(nodes: &[NodeRecord]) -> Vec<Level> {
         level.triangles_mean /= count;
         level.points_mean /= count;
         level.triangles_geometric_mean /= count;
+        level.normal_deviation_deg_mean = level.normal_deviation_deg_mean.map(|sum| sum / count);
     }
     levels.into_values().collect()
 }

@@ -19,6 +19,8 @@ pub enum Unit {
     Triangles,
     /// Octree nodes.
     Nodes,
+    /// Parts of the work.
+    Steps,
 }
 
 /// Says nothing.

@@ -31,6 +31,7 @@ impl Progress for Bars {
             Unit::Bytes => "{bytes}/{total_bytes} {bytes_per_sec}",
             Unit::Triangles => "{human_pos}/{human_len} triangles {per_sec}",
             Unit::Nodes => "{human_pos}/{human_len} nodes {per_sec}",
+            Unit::Steps => "{human_pos}/{human_len} steps",
         };
         let template = format!("{{msg:>10}} {{bar:32.cyan/dim}} {counts}  {{eta}} left");
         let style = ProgressStyle::with_template(&template)

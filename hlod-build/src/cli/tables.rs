@@ -92,8 +92,18 @@ pub fn info(info: &Info) -> String {
     ] {
         parts.add_row([name, &grouped(bytes), &format!("{:.3}", bytes as f64 / triangles)]);
     }
-    let mut levels =
-        table(&["depth", "nodes", "leaves", "triangles", "points", "geometric", "error"]);
+    let mut levels = table(&[
+        "depth",
+        "nodes",
+        "leaves",
+        "triangles",
+        "points",
+        "geometric",
+        "error",
+        "seen",
+        "normals 99 %",
+        "90 %",
+    ]);
     for level in &info.levels {
         levels.add_row([
             level.depth.to_string(),
@@ -103,6 +113,9 @@ pub fn info(info: &Info) -> String {
             format!("{:.0}", level.points_mean),
             format!("{:.0}", level.triangles_geometric_mean),
             length(level.error_max),
+            length(level.visual_error_max),
+            format!("{:.1}°", level.normal_deviation_deg_mean[1]),
+            format!("{:.1}°", level.normal_deviation_deg_mean[2]),
         ]);
     }
     let size: Vec<String> =
@@ -118,7 +131,8 @@ pub fn info(info: &Info) -> String {
         "from         {}\nsize         {}, up {}, front {}\nprecision    {}\n\
          triangles    {} read, {} nodes, R = {}, T = {}\nattributes   {}\nsurface      {}\n\
          errors       {} against the scan file\n\n{parts}\n\n{levels}\n\
-         (means a node; the largest error of a depth, in the scan's unit)",
+         (triangles, points and normals: means a node; errors, of shape and of what is seen: the\n\
+         largest of a depth, in the scan's unit)",
         sources.join("\n             "),
         with_unit(size.join(" × "), info.unit),
         info.up,

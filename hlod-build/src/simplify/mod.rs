@@ -147,11 +147,12 @@ struct Step<'a> {
 const REACH: f64 = 3.0;
 
 /// Differences of normals below this many times their noise do not count.
-const NOISE: f32 = 3.0;
+const NOISE: f32 = 2.0;
 
 /// ε_vis is taken over this share of the source's area. Each triangle's part in it comes from
-/// bounds, of angles as of distances, and is some times larger than what pictures show.
-const VISUAL_SHARE: f64 = 0.9;
+/// bounds, of angles as of distances, and is several times what pictures show: with larger shares
+/// flat faces with a little noise would always be drawn at full resolution.
+const VISUAL_SHARE: f64 = 0.8;
 
 /// Colours that differ by less, of 1, look the same.
 const COLOUR_STEP: f32 = 2.0 / 255.0;

@@ -29,7 +29,7 @@ pub(super) fn compare(
     progress: &dyn Progress,
 ) -> Result<Vec<String>, BuildError> {
     let lattice = file.header().lattice;
-    progress.begin("read input", against.len() as u64, Unit::Nodes);
+    progress.begin("read input", against.len() as u64, Unit::Steps);
     let scan = hlod_scan::load(against, &mut |_, _| {})?;
     progress.end();
     let positions: Vec<[i32; 3]> =
