@@ -76,7 +76,7 @@ impl Frame {
         let longest2 =
             (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
         // Heights over needles are mostly rounding.
-        if !(area2 > 1e-6 * longest2) {
+        if area2.is_nan() || area2 <= 1e-6 * longest2 {
             return None;
         }
         let normal = cross / area2;

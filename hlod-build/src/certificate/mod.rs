@@ -136,13 +136,6 @@ pub(crate) struct Known {
 }
 
 impl Certificate {
-    /// No point of either surface is farther from the other; meaningless where something is over
-    /// the limit.
-    pub(crate) fn distance(&self) -> f64 {
-        let all = self.forward.iter().chain(&self.backward).flatten();
-        all.map(|b| b.deviation.distance).fold(0.0, f64::max)
-    }
-
     /// What the simplified surface's triangles carry, when the source's carry `source`.
     pub(crate) fn carried(&self, source: &[Carried]) -> Vec<Carried> {
         let mut out: Vec<Carried> = self

@@ -68,7 +68,9 @@ impl<'a> Search<'a> {
         while let Some(piece) = self.pending.pop() {
             let highest = piece.iter().map(|c| c.foot.distance).fold(0.0, f64::max);
             // What is not a number is over any limit.
-            if let Some(over) = piece.iter().find(|c| !(c.foot.distance <= self.limit)) {
+            if let Some(over) =
+                piece.iter().find(|c| c.foot.distance.is_nan() || c.foot.distance > self.limit)
+            {
                 return Err(OverLimit(over.foot.triangle));
             }
             self.attained = self.attained.max(highest);

@@ -4,6 +4,14 @@ use proptest::prelude::*;
 use super::*;
 use crate::triangle_bvh::closest_on_triangle;
 
+impl Certificate {
+    /// No point of either surface is farther from the other, where nothing is over the limit.
+    fn distance(&self) -> f64 {
+        let all = self.forward.iter().chain(&self.backward).flatten();
+        all.map(|b| b.deviation.distance).fold(0.0, f64::max)
+    }
+}
+
 /// Triangles with their own normals at every corner.
 fn surface(triangles: &[[DVec3; 3]]) -> Surface {
     let look = |t: &[DVec3; 3]| {

@@ -334,8 +334,9 @@ impl<'a, const K: usize> Collapser<'a, K> {
         let length = limits.attributes.map_or(0.0, |l| l.length);
         let reach = va.position.distance(vb.position);
         let mut place = quadric.best_place(middle, fixed, length);
+        let off2 = place.distance_squared(middle);
         // Not a number where nothing has an area.
-        if !(place.distance_squared(middle) <= reach * reach) {
+        if off2.is_nan() || off2 > reach * reach {
             // The planes hardly meet: anywhere on them is as good.
             place = DVec3::from_array(std::array::from_fn(|i| fixed[i].unwrap_or(middle[i])));
         }

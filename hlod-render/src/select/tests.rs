@@ -1,8 +1,8 @@
 use std::collections::BTreeSet;
 
 use hlod_compress::{
-    BoundStatus, CellKey, Children, Errors, Lattice, NodeFlags, NodeRecord, NormalCone, OctNormal,
-    PageRef, Representation, SkeletonBlock,
+    CellKey, Children, Errors, Lattice, NodeFlags, NodeRecord, NormalCone, OctNormal, PageRef,
+    Representation, SkeletonBlock,
 };
 
 use super::*;
