@@ -57,13 +57,13 @@ const NONE: u32 = u32::MAX;
 const DEAD: [u32; 3] = [NONE; 3];
 
 /// How a vertex lies on the surface.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Place {
     Inside,
     /// On an open edge.
     Border,
     /// Where more than two triangles meet at an edge, or neighbours face opposite ways.
-    Locked,
+    Junction,
 }
 
 pub(super) struct Collapser<'a, const K: usize> {
@@ -236,7 +236,7 @@ impl<'a, const K: usize> Collapser<'a, K> {
                 [(_, false, _), (_, true, _)] => {}
                 [_] if place == Place::Inside => place = Place::Border,
                 [_] => {}
-                _ => place = Place::Locked,
+                _ => place = Place::Junction,
             }
         }
         place
@@ -256,7 +256,7 @@ impl<'a, const K: usize> Collapser<'a, K> {
     /// Moves vertices to the best places for the planes alone.
     pub(super) fn relax(&mut self, limits: &Limits) {
         for v in 0..self.source.len() as u32 {
-            if self.merged_into[v as usize] != v || self.places[v as usize] == Place::Locked {
+            if self.merged_into[v as usize] != v {
                 continue;
             }
             let vertex = &self.vertices[v as usize];
@@ -361,9 +361,6 @@ impl<'a, const K: usize> Collapser<'a, K> {
         if (0..3).any(|i| va.fixed[i] && vb.fixed[i] && va.position[i] != vb.position[i]) {
             return false;
         }
-        if [a, b].iter().any(|&v| self.places[v as usize] == Place::Locked) {
-            return false;
-        }
         if !self.keeps_the_link(a, b) {
             return false;
         }
@@ -411,9 +408,10 @@ impl<'a, const K: usize> Collapser<'a, K> {
             });
         }
         self.stamps = stamps;
-        let open = [a, b].map(|v| self.places[v as usize] == Place::Border);
-        // An inner edge between two borders would pinch the surface; one triangle would vanish.
-        let pinches = open[0] && open[1] && at_edge != 1;
+        // An inner edge between two borders, or between two places where sheets meet, would pinch
+        // the surface; along such a line the edge is itself open or shared by more than two.
+        let inside = [a, b].map(|v| self.places[v as usize] == Place::Inside);
+        let pinches = !inside[0] && !inside[1] && at_edge == 2;
         // A piece of its own must not vanish.
         let remains = around > 2 * at_edge;
         common == at_edge && at_edge > 0 && remains && !(doubled[0] && doubled[1]) && !pinches
@@ -507,9 +505,7 @@ impl<'a, const K: usize> Collapser<'a, K> {
         merged.position = place;
         merged.attributes = self.quadrics[b as usize].attributes_at(place);
         merged.fixed = std::array::from_fn(|i| merged.fixed[i] || fixed[i]);
-        if self.places[a as usize] == Place::Border {
-            self.places[b as usize] = Place::Border;
-        }
+        self.places[b as usize] = self.places[b as usize].max(self.places[a as usize]);
         self.caution[b as usize] = self.caution[b as usize].max(self.caution[a as usize]);
     }
 
@@ -531,8 +527,8 @@ impl<'a, const K: usize> Collapser<'a, K> {
             let mut pinches = false;
             for v in 0..self.source.len() as u32 {
                 let merged = roots[v as usize] == v && !wrong[v as usize];
-                if merged && self.places[v as usize] != Place::Locked {
-                    let pinched = self.place_of(v, &mut round) == Place::Locked;
+                if merged && self.places[v as usize] != Place::Junction {
+                    let pinched = self.place_of(v, &mut round) == Place::Junction;
                     wrong[v as usize] = pinched;
                     pinches |= pinched;
                 }

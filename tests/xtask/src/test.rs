@@ -23,7 +23,7 @@ const EVERY_NEED: [Need; 4] =
 pub fn test(options: &TestOptions) -> Result<ExitCode, Failure> {
     run::announce_first_build(
         "debug",
-        "15 to 20 minutes, once with the viewer's window and once without",
+        "about 8 minutes on two cores, once with the viewer's window and once without",
     )?;
     system::provide(&EVERY_NEED, options.may_install)?;
 
