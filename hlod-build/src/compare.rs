@@ -164,7 +164,7 @@ fn points(mesh: &ScanMesh, samples: u32) -> Vec<Sample> {
     out
 }
 
-/// Distances of samples from a mesh, and angles of those chosen by area.
+/// Distances of samples from a mesh, and angles of those chosen by area that have one.
 fn measure(
     samples: &[Sample],
     mesh: &ScanMesh,
@@ -178,7 +178,9 @@ fn measure(
             (distance, sample.by_area.then(|| angle(sample, mesh, triangle)))
         })
         .collect();
-    (found.iter().map(|f| f.0).collect(), found.iter().filter_map(|f| f.1).collect())
+    // The nearest triangle may be degenerate: it has no normal to compare with.
+    let angles = found.iter().filter_map(|f| f.1).filter(|angle| !angle.is_nan());
+    (found.iter().map(|f| f.0).collect(), angles.collect())
 }
 
 fn face_angle(sample: &Sample, mesh: &ScanMesh, triangle: usize) -> f32 {
