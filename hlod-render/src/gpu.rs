@@ -84,6 +84,28 @@ impl Gpu {
         RenderError::Gpu { adapter: self.info.name.clone(), why: why.into() }
     }
 
+    /// A flat texture of one sample a pixel; width and height must be at least 1 and within the
+    /// adapter's limits. `view_formats` are those besides `format` in which it may be seen.
+    pub(crate) fn texture(
+        &self,
+        label: &str,
+        (width, height): (u32, u32),
+        format: wgpu::TextureFormat,
+        usage: wgpu::TextureUsages,
+        view_formats: &[wgpu::TextureFormat],
+    ) -> wgpu::Texture {
+        self.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage,
+            view_formats,
+        })
+    }
+
     /// Copies a texture of four bytes a pixel to memory, row by row from the top.
     ///
     /// # Errors

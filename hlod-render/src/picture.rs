@@ -42,16 +42,8 @@ impl Canvas {
                 "a picture of {width}×{height} pixels: this adapter makes 1 to {limit} a side"
             )));
         }
-        let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("picture"),
-            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: PICTURE_FORMAT,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        });
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+        let texture = gpu.texture("picture", (width, height), PICTURE_FORMAT, usage, &[]);
         let view = texture.create_view(&Default::default());
         Ok(Canvas { targets: Targets::new(gpu, view, width, height), texture })
     }

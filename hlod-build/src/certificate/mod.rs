@@ -24,7 +24,8 @@
 //!
 //! Rounding: coordinates are integers below 2³¹ relative to the cell's centre, or halved edges of
 //! such triangles; computed distances are right to about 10⁻¹² of the largest coordinate.
-//! [`ROUNDING`], relative to it, is far above that, is taken off the limit and added to the result. Looks are f32; [`LOOK_ROUNDING`] is added to differences.
+//! [`ROUNDING`], relative to it, is far above that, is taken off the limit and added to the result.
+//! Looks are f32; [`LOOK_ROUNDING`] is added to differences.
 //!
 //! Based on Guthe, Borodin & Klein, *Fast and accurate Hausdorff distance calculation between
 //! meshes* (2005) and Cohen et al., *Appearance-preserving simplification* (1998), who bound

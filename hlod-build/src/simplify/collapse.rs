@@ -6,7 +6,7 @@
 //! so that a part that turns out wrong can be taken back: [`Collapser::restore`].
 //!
 //! Costs are brought up to date only when an edge is about to be collapsed: merging only adds to
-//! quadrics, so an old cost is never above the present one.
+//! quadrics, so an old cost is not above the present one, but for rounding to the grid.
 
 use glam::DVec3;
 

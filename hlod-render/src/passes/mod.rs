@@ -56,20 +56,10 @@ const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 impl Targets {
     /// Identity and depth for pictures of `colour`, which has this size.
     pub fn new(gpu: &Gpu, colour: wgpu::TextureView, width: u32, height: u32) -> Targets {
-        let texture = |label, format| {
-            gpu.device.create_texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: wgpu::TextureUsages::RENDER_ATTACHMENT
-                    | wgpu::TextureUsages::TEXTURE_BINDING
-                    | wgpu::TextureUsages::COPY_SRC,
-                view_formats: &[],
-            })
-        };
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT
+            | wgpu::TextureUsages::TEXTURE_BINDING
+            | wgpu::TextureUsages::COPY_SRC;
+        let texture = |label, format| gpu.texture(label, (width, height), format, usage, &[]);
         Targets {
             identity: texture("identity", IDENTITY_FORMAT),
             depth: texture("depth", DEPTH_FORMAT),

@@ -28,16 +28,9 @@ impl Scene {
     /// For a screen of this format. Width and height must be at least 1 and within the adapter's
     /// limits.
     pub fn new(gpu: &Gpu, format: wgpu::TextureFormat, width: u32, height: u32) -> Scene {
-        let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("statue"),
-            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[format.add_srgb_suffix()],
-        });
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+        let srgb = [format.add_srgb_suffix()];
+        let texture = gpu.texture("statue", (width, height), format, usage, &srgb);
         let linear = texture.create_view(&wgpu::TextureViewDescriptor {
             format: Some(format.add_srgb_suffix()),
             usage: Some(wgpu::TextureUsages::RENDER_ATTACHMENT),
@@ -202,18 +195,10 @@ impl Gui {
         (width, height): (u32, u32),
         format: wgpu::TextureFormat,
     ) -> Result<Picture, RenderError> {
-        let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("screenshot"),
-            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT
-                | wgpu::TextureUsages::COPY_SRC
-                | wgpu::TextureUsages::COPY_DST,
-            view_formats: &[],
-        });
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT
+            | wgpu::TextureUsages::COPY_SRC
+            | wgpu::TextureUsages::COPY_DST;
+        let texture = gpu.texture("screenshot", (width, height), format, usage, &[]);
         self.paint(gpu, laid, scene, origin, &texture);
         let mut rgba = gpu.read_texture(&texture, wgpu::TextureAspect::All)?;
         let blue_first = matches!(format.remove_srgb_suffix(), wgpu::TextureFormat::Bgra8Unorm);

@@ -114,16 +114,9 @@ impl Painter {
         let [width, height] = image.size.map(|side| side as u32);
         let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
         if delta.pos.is_none() {
-            let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-                label: Some("panel"),
-                size,
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format: wgpu::TextureFormat::Rgba8Unorm,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-                view_formats: &[],
-            });
+            let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
+            let format = wgpu::TextureFormat::Rgba8Unorm;
+            let texture = gpu.texture("panel", (width, height), format, usage, &[]);
             let view = texture.create_view(&Default::default());
             let bind_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
                 label: Some("panel"),
