@@ -12,10 +12,12 @@ use hlod_compress::{
 };
 use rayon::prelude::*;
 
+use crate::borders::Cube;
 use crate::certificate::Carried;
 use crate::cone::ConeBuilder;
 use crate::partition::{Leaf, Vertex};
 use crate::progress::Progress;
+use crate::seams::close_seams;
 use crate::simplify::{Both, Budget, Simplified, Source, simplify};
 
 /// A node with its pages' bytes, ready to be laid out.
@@ -82,8 +84,13 @@ pub fn build_hierarchy(
         let results: Vec<[(Source, Representation, Vec<u8>); 2]> = cells
             .par_iter()
             .map(|&cell| {
-                let source = gather(cell, &inner, &leaves, &below[1]);
-                let budget = budget(cell, lattice, resolution, source.distance());
+                let mut source = gather(cell, &inner, &leaves, &below[1]);
+                // Where two pieces meet, both may be wrong, and cutting rounded by up to a step.
+                let width = 2.0 * source.distance() + 2.0;
+                let cube =
+                    Cube { min: lattice.cell_min(cell), units: lattice.cell_units(cell.depth()) };
+                close_seams(&mut source, width, &cube);
+                let budget = budget(cell, lattice, resolution, &source);
                 let Both { appearance, geometric } = simplify(&source, &budget);
                 let encode = |kind, simplified| encode_inner(kind, simplified, lattice, &budget);
                 let out = [
@@ -143,14 +150,14 @@ fn merge(
 }
 
 /// The error budget, edge ÷ resolution, less what the source already lost.
-fn budget(cell: CellKey, lattice: &Lattice, resolution: u32, source_error: f64) -> Budget {
+fn budget(cell: CellKey, lattice: &Lattice, resolution: u32, source: &Source) -> Budget {
     let cell_units = lattice.cell_units(cell.depth());
     let whole = f64::from(cell_units) / f64::from(resolution);
     // The largest step ≤ ε/8, and no larger than what still contains the cell's faces.
     let grid_shift = (whole / 8.0).log2().floor().max(0.0) as u8;
     Budget {
         whole,
-        distance: (whole - source_error).max(0.25 * whole),
+        distance: Budget::left_by_most(whole, source),
         grid_shift: grid_shift.min(lattice.depth_max - cell.depth()),
         cell_min: lattice.cell_min(cell),
         cell_units,

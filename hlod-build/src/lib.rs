@@ -11,6 +11,7 @@
 //! [`build`] is the outline; [`info`], [`export`] and [`verify`] read the result, [`compare`] measures
 //! any mesh against another.
 
+mod borders;
 mod certificate;
 mod colour;
 mod compare;
@@ -25,6 +26,7 @@ mod partition;
 mod pipeline;
 pub mod progress;
 mod resources;
+mod seams;
 mod simplify;
 pub mod synth;
 mod triangle_bvh;

@@ -22,7 +22,7 @@ pub(super) struct Cover<'a> {
     over: &'a Surface,
     neighbours: &'a [[u32; 3]],
     /// Heights above this are failures.
-    limit: f64,
+    pub(super) limit: f64,
     /// Lengths below this may be rounding.
     rounding: f64,
     /// In which search a triangle of the other surface was last visited.

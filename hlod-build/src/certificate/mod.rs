@@ -51,13 +51,18 @@ const ROUNDING: f64 = 1e-9;
 /// f32 interpolation of numbers up to 1, at each of some forty halvings.
 const LOOK_ROUNDING: f32 = 1e-5;
 
+/// How often a triangle is matched again, more closely, because its matches carry too much.
+const CLOSER_LOOKS: u32 = 3;
+
 /// What is asked of a comparison, in the unit of the positions.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Ask {
     /// Distances below this are not told apart.
     pub(crate) tolerance: f64,
-    /// Distances above this are failures.
+    /// What a triangle carries and its distance together may not exceed this…
     pub(crate) limit: f64,
+    /// …but a distance up to this is no failure however much is carried.
+    pub(crate) least: f64,
     /// Near points are good enough up to this distance; beyond it the nearest are looked for.
     pub(crate) near: f64,
 }
@@ -118,8 +123,8 @@ pub(crate) struct Certificate {
     pub(crate) forward: Vec<Option<TriangleBound>>,
     /// Per triangle of the simplified surface.
     pub(crate) backward: Vec<Option<TriangleBound>>,
-    /// Triangles of the source over the limit, with a triangle of the simplified surface there.
-    pub(crate) lost: Vec<(u32, u32)>,
+    /// Triangles of the source over the limit.
+    pub(crate) lost: Vec<u32>,
     /// Triangles of the simplified surface over the limit.
     pub(crate) invented: Vec<u32>,
     /// Triangles of the simplified surface that each of the source's is matched with: those of
@@ -212,6 +217,7 @@ pub(crate) fn certify(pair: &Pair<'_>, ask: Ask, known: Known) -> Certificate {
     let rounding = ROUNDING * source.largest_coordinate().max(simplified.largest_coordinate());
     let limit = ask.limit - 2.0 * rounding;
     let near = ask.near.min(limit);
+    let room = |carried: f64| (limit - carried).max(ask.least - 2.0 * rounding);
     let tolerance = ask.tolerance.max(2.0 * rounding);
     let slopes: Vec<[f32; 2]> =
         (0..simplified.triangles.len() as u32).map(|t| slopes(simplified, t)).collect();
@@ -235,9 +241,15 @@ pub(crate) fn certify(pair: &Pair<'_>, ask: Ask, known: Known) -> Certificate {
             out.forward.push(known.forward[t]);
             known.matches[t].iter().for_each(|&m| near_source[m as usize] = t as u32);
         } else {
+            search.limit = room(pair.carried.get(t).map_or(0.0, |c| c.forward.distance));
+            search.near = near.min(search.limit);
             let corners = triangle.map(|v| {
                 let v = v as usize;
-                Corner::new(source.positions[v], source.looks[v], feet[v], simplified)
+                let mut foot = feet[v];
+                if foot.distance > search.near {
+                    foot = simplified.closest(source.positions[v], foot.triangle);
+                }
+                Corner::new(source.positions[v], source.looks[v], foot, simplified)
             });
             let mut least = [f32::INFINITY; 2];
             let found = search.bound(corners, |matched| {
@@ -250,8 +262,8 @@ pub(crate) fn certify(pair: &Pair<'_>, ask: Ask, known: Known) -> Certificate {
             });
             out.forward.push(match found {
                 Ok(bound) => Some(finish(&bound, source, t as u32, least, rounding)),
-                Err(OverLimit(near)) => {
-                    out.lost.push((t as u32, near));
+                Err(OverLimit) => {
+                    out.lost.push(t as u32);
                     None
                 }
             });
@@ -261,8 +273,8 @@ pub(crate) fn certify(pair: &Pair<'_>, ask: Ask, known: Known) -> Certificate {
 
     let over = VerticesOver::new(&feet, simplified.triangles.len());
     // Heights are no less than distances: where they would loosen the bound, look closer.
-    let mut cover = Cover::new(source, neighbours, (search.attained * SLACK).min(limit), rounding);
-    let mut search = Search::new(source, attained, limit, 0.0);
+    let mut cover = Cover::new(source, neighbours, limit, rounding);
+    let mut search = Search::new(source, search.attained, limit, 0.0);
     for t in 0..simplified.triangles.len() as u32 {
         if let Some(bound) = known.backward.get(t as usize).copied().flatten() {
             out.backward.push(Some(bound));
@@ -275,23 +287,42 @@ pub(crate) fn certify(pair: &Pair<'_>, ask: Ask, known: Known) -> Certificate {
                 carried.set(carried.get().max(source.backward));
             }
         };
-        let seeds = over.of(t).iter().filter_map(|&v| source.star(v).first().copied());
-        let seeds = seeds.chain((near != NONE).then_some(near));
-        let found = cover
-            .find(simplified, t, seeds, matched)
-            .or_else(|| {
-                let [a, b, c] = simplified.corners(t);
-                let middle = source.closest((a + b + c) / 3.0, near).triangle;
-                cover.find(simplified, t, std::iter::once(middle), matched)
-            })
-            .or_else(|| {
-                let corners = simplified.triangles[t as usize].map(|v| {
-                    let v = v as usize;
-                    let foot = source.closest(simplified.positions[v], near);
-                    Corner::new(simplified.positions[v], simplified.looks[v], foot, source)
+        // How far it may be depends on what it is matched with: where that carries too much for
+        // what was found, look closer.
+        let mut allowed = limit;
+        let mut found = None;
+        for _ in 0..CLOSER_LOOKS {
+            carried.set(Deviation::default());
+            cover.limit = (search.attained * SLACK).min(allowed);
+            search.limit = allowed;
+            let seeds = over.of(t).iter().filter_map(|&v| source.star(v).first().copied());
+            let seeds = seeds.chain((near != NONE).then_some(near));
+            let bound = cover
+                .find(simplified, t, seeds, matched)
+                .or_else(|| {
+                    let [a, b, c] = simplified.corners(t);
+                    let middle = source.closest((a + b + c) / 3.0, near).triangle;
+                    cover.find(simplified, t, std::iter::once(middle), matched)
+                })
+                .or_else(|| {
+                    let corners = simplified.triangles[t as usize].map(|v| {
+                        let v = v as usize;
+                        let foot = source.closest(simplified.positions[v], near);
+                        Corner::new(simplified.positions[v], simplified.looks[v], foot, source)
+                    });
+                    search.bound(corners, matched).ok()
                 });
-                search.bound(corners, matched).ok()
-            });
+            let Some(bound) = bound else { break };
+            let room = room(carried.get().distance);
+            if bound.distance <= room {
+                found = Some(bound);
+                break;
+            }
+            if room >= allowed {
+                break;
+            }
+            allowed = room;
+        }
         let slopes = slopes[t as usize];
         out.backward.push(found.map(|bound| TriangleBound {
             carried: carried.get(),

@@ -47,8 +47,8 @@ pub(super) struct Search<'a> {
     pending: Vec<[Corner; 3]>,
 }
 
-/// A point over the limit: the triangle it was matched with.
-pub(super) struct OverLimit(pub(super) u32);
+/// A point over the limit.
+pub(super) struct OverLimit;
 
 impl<'a> Search<'a> {
     pub(super) fn new(to: &'a Surface, tolerance: f64, limit: f64, near: f64) -> Search<'a> {
@@ -68,10 +68,9 @@ impl<'a> Search<'a> {
         while let Some(piece) = self.pending.pop() {
             let highest = piece.iter().map(|c| c.foot.distance).fold(0.0, f64::max);
             // What is not a number is over any limit.
-            if let Some(over) =
-                piece.iter().find(|c| c.foot.distance.is_nan() || c.foot.distance > self.limit)
-            {
-                return Err(OverLimit(over.foot.triangle));
+            let over = |c: &Corner| c.foot.distance.is_nan() || c.foot.distance > self.limit;
+            if piece.iter().any(over) {
+                return Err(OverLimit);
             }
             self.attained = self.attained.max(highest);
             let enough = (self.attained * SLACK).min(self.limit);
@@ -93,7 +92,7 @@ impl<'a> Search<'a> {
                 continue;
             }
             if crumb {
-                return Err(OverLimit(piece[0].foot.triangle));
+                return Err(OverLimit);
             }
 
             // Halve the longest edge.

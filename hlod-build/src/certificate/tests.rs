@@ -52,7 +52,7 @@ fn compare(source: &Surface, simplified: &Surface, tolerance: f64, limit: f64) -
     let neighbours = source.neighbours();
     let became = vec![NONE; source.positions.len()];
     let pair = Pair { source, neighbours: &neighbours, carried: &[], simplified, became: &became };
-    certify(&pair, Ask { tolerance, limit, near: tolerance }, Known::default())
+    certify(&pair, Ask { tolerance, limit, least: 0.0, near: tolerance }, Known::default())
 }
 
 /// Below this, distances are not told apart.
@@ -108,7 +108,7 @@ fn what_is_over_the_limit_is_named() {
     let found = compare(&source, &simplified, 0.1, 1.0);
     let at_peak = |t: u32| source.corners(t).iter().any(|p| p.z > 0.0);
     assert_eq!(found.lost.len(), 6);
-    assert!(found.lost.iter().all(|&(t, _)| at_peak(t)));
+    assert!(found.lost.iter().all(|&t| at_peak(t)));
     assert!(compare(&source, &simplified, 0.1, 2.1).holds());
     // The other way round it is the coarse surface that has what the fine one has not.
     let found = compare(&simplified, &source, 0.1, 1.0);
@@ -189,7 +189,7 @@ fn deviations_of_matches_add_up() {
         simplified: &simplified,
         became: &became,
     };
-    let ask = Ask { tolerance: 1e-6, limit: 1.0, near: 0.8 };
+    let ask = Ask { tolerance: 1e-6, limit: 2.0, least: 0.0, near: 0.8 };
     let found = certify(&pair, ask, Known::default()).carried(&carried);
     let touched: Vec<bool> = found.iter().map(|c| c.backward.distance > 1.0).collect();
     assert!(touched.contains(&true), "what the source carries reaches the triangle over it");
@@ -198,6 +198,11 @@ fn deviations_of_matches_add_up() {
             assert!((d.distance - 0.25).abs() < 0.02 || (d.distance - 1.25).abs() < 0.02);
         }
     }
+    // The sum is what is limited, unless the step alone is within what is allowed in any case.
+    let found = certify(&pair, Ask { limit: 1.2, ..ask }, Known::default());
+    assert_eq!(found.lost, [5]);
+    assert_eq!(found.invented.len(), 1);
+    assert!(certify(&pair, Ask { limit: 1.2, least: 0.3, ..ask }, Known::default()).holds());
 }
 
 #[test]
@@ -223,7 +228,7 @@ fn what_has_not_changed_is_known() {
         simplified: &new,
         became: &became,
     };
-    let again = certify(&pair, Ask { tolerance: 0.05, limit: 0.2, near: 0.16 }, known);
+    let again = certify(&pair, Ask { tolerance: 0.05, limit: 0.2, least: 0.0, near: 0.16 }, known);
     let fresh = compare(&source, &new, 0.05, 0.2);
     assert!(again.holds() && fresh.holds());
     assert!((again.distance() - fresh.distance()).abs() <= 0.05 * fresh.distance());

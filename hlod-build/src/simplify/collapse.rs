@@ -12,12 +12,11 @@ use glam::DVec3;
 
 use super::quadric::Quadric;
 use super::queue::BucketQueue;
+use crate::certificate::NONE;
 
 /// Lengths are those of the positions; squared attributes are in the attributes' unit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Limits {
-    /// Root mean square distance that a vertex may be from the planes it stands for.
-    pub(super) distance: f64,
     /// Vertices are placed on multiples of this, counted from `origin`.
     pub(super) grid: f64,
     pub(super) origin: DVec3,
@@ -51,9 +50,20 @@ pub(super) struct Vertex<const K: usize> {
     pub(super) attributes: [f64; K],
     /// Coordinates that stay: the vertex lies on such faces of the cell.
     pub(super) fixed: [bool; 3],
+    /// Root mean square distance that it may be from the planes it stands for.
+    pub(super) allowance: f64,
+    /// Which pin it becomes in the end; [`NONE`] where it is free. Pinned, it stays where it is
+    /// until it becomes that.
+    pub(super) pin: u32,
 }
 
-const NONE: u32 = u32::MAX;
+/// What all vertices with the same pin become.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pin<const K: usize> {
+    pub(super) place: DVec3,
+    pub(super) attributes: [f64; K],
+}
+
 const DEAD: [u32; 3] = [NONE; 3];
 
 /// How a vertex lies on the surface.
@@ -70,6 +80,11 @@ pub(super) struct Collapser<'a, const K: usize> {
     source: &'a [Vertex<K>],
     source_triangles: &'a [[u32; 3]],
     vertices: Vec<Vertex<K>>,
+    pins: Vec<Pin<K>>,
+    /// The pin of each source vertex.
+    pin_of_source: Vec<u32>,
+    /// Pins whose vertices stay where the source has them, because certainty needs them there.
+    released: Vec<bool>,
     quadrics: Vec<Quadric<K>>,
     places: Vec<Place>,
     /// How often what a vertex stands for was taken back; each time halves what it may lose.
@@ -93,6 +108,9 @@ impl<'a, const K: usize> Collapser<'a, K> {
             source,
             source_triangles,
             vertices: source.to_vec(),
+            pins: Vec::new(),
+            pin_of_source: vec![NONE; count],
+            released: Vec::new(),
             quadrics: vec![Quadric::default(); count],
             places: vec![Place::Inside; count],
             caution: vec![0; count],
@@ -107,6 +125,54 @@ impl<'a, const K: usize> Collapser<'a, K> {
         this.connect();
         this.find_places(|_| true);
         this
+    }
+
+    /// Says what becomes of vertices on chains: `pin_of_source` has a pin, or [`NONE`], for each
+    /// vertex of the source. What was merged by earlier pins must have the same one now.
+    pub(super) fn pin(&mut self, pins: Vec<Pin<K>>, pin_of_source: Vec<u32>) {
+        self.released = vec![false; pins.len()];
+        self.pins = pins;
+        self.pin_of_source = pin_of_source;
+        for v in 0..self.source.len() {
+            self.pin_vertex(v);
+        }
+    }
+
+    fn pin_vertex(&mut self, v: usize) {
+        let pin = self.pin_of_source[v];
+        let vertex = &mut self.vertices[v];
+        vertex.pin = pin;
+        if pin != NONE {
+            vertex.fixed = [true; 3];
+            if self.released[pin as usize] {
+                vertex.pin = NONE;
+            }
+        }
+    }
+
+    /// Makes everything that is pinned what it is to become, whatever that does to triangles.
+    fn settle(&mut self) {
+        for t in 0..self.triangles.len() {
+            for k in 0..3 {
+                let triangle = self.triangles[t];
+                if triangle == DEAD {
+                    break;
+                }
+                let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
+                let pin = self.vertices[a as usize].pin;
+                if pin != NONE && pin == self.vertices[b as usize].pin {
+                    self.collapse(a, b, self.pins[pin as usize].place);
+                }
+            }
+        }
+        for v in 0..self.source.len() {
+            let pin = self.vertices[v].pin;
+            if self.merged_into[v] == v as u32 && pin != NONE {
+                let Pin { place, attributes } = self.pins[pin as usize];
+                self.vertices[v].position = place;
+                self.vertices[v].attributes = attributes;
+            }
+        }
     }
 
     /// Adds the source's planes and fields to the quadrics of the source vertices chosen.
@@ -314,6 +380,9 @@ impl<'a, const K: usize> Collapser<'a, K> {
                 }
                 tried += 1;
                 if self.allows(a, b, &candidate, limits) {
+                    // What is pinned stays itself.
+                    let pinned = self.vertices[a as usize].fixed == [true; 3];
+                    let (a, b) = if pinned { (b, a) } else { (a, b) };
                     self.collapse(a, b, candidate.place);
                     collapsed += 1;
                 }
@@ -322,6 +391,7 @@ impl<'a, const K: usize> Collapser<'a, K> {
                 break;
             }
         }
+        self.settle();
     }
 
     fn candidate(&self, a: u32, b: u32, limits: &Limits) -> Candidate {
@@ -333,14 +403,21 @@ impl<'a, const K: usize> Collapser<'a, K> {
             std::array::from_fn(|i| [va, vb].iter().find(|v| v.fixed[i]).map(|v| v.position[i]));
         let length = limits.attributes.map_or(0.0, |l| l.length);
         let reach = va.position.distance(vb.position);
-        let mut place = quadric.best_place(middle, fixed, length);
+        let same_pin = va.pin != NONE && va.pin == vb.pin;
+        let mut place = if same_pin {
+            self.pins[va.pin as usize].place
+        } else {
+            quadric.best_place(middle, fixed, length)
+        };
         let off2 = place.distance_squared(middle);
         // Not a number where nothing has an area.
-        if off2.is_nan() || off2 > reach * reach {
+        if !same_pin && (off2.is_nan() || off2 > reach * reach) {
             // The planes hardly meet: anywhere on them is as good.
             place = DVec3::from_array(std::array::from_fn(|i| fixed[i].unwrap_or(middle[i])));
         }
-        place = limits.rounded(place, fixed);
+        if !same_pin {
+            place = limits.rounded(place, fixed);
+        }
         let distance2 = quadric.plane_error(place);
         let attribute2 = if length > 0.0 { quadric.attribute_error(place) } else { 0.0 };
         let error2 = distance2 + length * length * attribute2;
@@ -351,11 +428,17 @@ impl<'a, const K: usize> Collapser<'a, K> {
 
     fn allows(&mut self, a: u32, b: u32, candidate: &Candidate, limits: &Limits) -> bool {
         let caution = self.caution[a as usize].max(self.caution[b as usize]);
-        let share = 0.5f64.powi(caution.into());
-        if candidate.distance2 > (limits.distance * share).powi(2) {
+        let share = CAUTION.powi(caution.into());
+        let [va, vb] = [a, b].map(|v| &self.vertices[v as usize]);
+        if va.pin != NONE && va.pin == vb.pin {
+            // It has to be sooner or later: now, if nothing turns over.
+            return self.keeps_the_link(a, b)
+                && self.keeps_facing(a, b, candidate.place)
+                && self.keeps_facing(b, a, candidate.place);
+        }
+        if candidate.distance2 > (va.allowance.min(vb.allowance) * share).powi(2) {
             return false;
         }
-        let [va, vb] = [a, b].map(|v| &self.vertices[v as usize]);
         // Two vertices that lie on the same plane of a cell's face but at different heights
         // cannot both stay.
         if (0..3).any(|i| va.fixed[i] && vb.fixed[i] && va.position[i] != vb.position[i]) {
@@ -451,6 +534,8 @@ impl<'a, const K: usize> Collapser<'a, K> {
             position: candidate.place,
             attributes: quadric.attributes_at(candidate.place),
             fixed: [false; 3],
+            allowance: 0.0,
+            pin: NONE,
         };
         let vertices = std::mem::take(&mut self.vertices);
         let slope = |p: &Vertex<K>, q: &Vertex<K>| {
@@ -500,18 +585,29 @@ impl<'a, const K: usize> Collapser<'a, K> {
         self.merged_into[a as usize] = b;
         let quadric = self.quadrics[a as usize];
         self.quadrics[b as usize].add(&quadric);
-        let fixed = self.vertices[a as usize].fixed;
+        let Vertex { fixed, allowance, pin, .. } = self.vertices[a as usize];
+        let pinned =
+            [a, b].map(|v| self.vertices[v as usize]).into_iter().find(|v| v.fixed == [true; 3]);
         let merged = &mut self.vertices[b as usize];
         merged.position = place;
         merged.attributes = self.quadrics[b as usize].attributes_at(place);
         merged.fixed = std::array::from_fn(|i| merged.fixed[i] || fixed[i]);
+        merged.allowance = merged.allowance.min(allowance);
+        if merged.pin == NONE {
+            merged.pin = pin;
+        }
+        if let Some(pinned) = pinned {
+            merged.attributes = pinned.attributes;
+        }
         self.places[b as usize] = self.places[b as usize].max(self.places[a as usize]);
         self.caution[b as usize] = self.caution[b as usize].max(self.caution[a as usize]);
     }
 
     /// Takes back everything that was merged into the given vertices, and halves what those may
     /// lose from now on. Says which source vertices stand for themselves again.
-    pub(super) fn restore(&mut self, wrong: impl Fn(u32) -> bool) -> Vec<bool> {
+    ///
+    /// With `release`, what is wrong and pinned is never moved again.
+    pub(super) fn restore(&mut self, wrong: impl Fn(u32) -> bool, release: bool) -> Vec<bool> {
         let roots: Vec<u32> = (0..self.source.len() as u32).map(|v| self.root(v)).collect();
         let mut wrong: Vec<bool> = (0..self.source.len() as u32).map(wrong).collect();
         let caution: Vec<u8> = roots.iter().map(|&root| self.caution[root as usize]).collect();
@@ -538,10 +634,18 @@ impl<'a, const K: usize> Collapser<'a, K> {
             }
         }
         let restored: Vec<bool> = roots.iter().map(|&root| wrong[root as usize]).collect();
+        if release {
+            for v in (0..self.source.len()).filter(|&v| restored[v]) {
+                if let Some(released) = self.released.get_mut(self.pin_of_source[v] as usize) {
+                    *released = true;
+                }
+            }
+        }
         for v in (0..self.source.len()).filter(|&v| restored[v]) {
             self.caution[v] = caution[v].saturating_add(1);
             self.vertices[v] = self.source[v];
             self.quadrics[v] = Quadric::default();
+            self.pin_vertex(v);
         }
         self.gather_quadrics(|v| restored[v as usize]);
         self.find_places(|v| restored[v as usize]);
@@ -576,6 +680,10 @@ struct Candidate {
     distance2: f64,
     attribute2: f64,
 }
+
+/// What was wrong may lose this share of what it might have lost before. Much less, and a patch of
+/// which one point was over the limit comes back with twice the triangles.
+const CAUTION: f64 = 0.8;
 
 /// Another round is worth it while at least one of this many tries succeeded.
 const RETRY_SHARE: usize = 20;

@@ -68,6 +68,12 @@ pub(super) fn emit<const K: usize>(
             members[g as usize].push([byte(a[3]), byte(a[4]), byte(a[5]), alpha]);
         }
     }
+    // What neighbouring cells share is not mixed with anything else.
+    for (i, &g) in groups.iter().enumerate() {
+        if vertices[kept[i] as usize].pin != NONE {
+            sums[g as usize] = normals[i];
+        }
+    }
     mesh.normals =
         sums.iter().map(|n| OctNormal::encode(n.normalize_or(Vec3::Z).to_array())).collect();
     mesh.colours = members.iter().map(|m| average_srgba(m.iter().map(|&c| (c, 1.0)))).collect();

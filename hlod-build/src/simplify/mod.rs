@@ -4,7 +4,7 @@
 //! source ─ prepare ─▶ welded, sub-resolution normals smoothed
 //!   │ collapse     quadrics propose, heeding normals       ┐
 //!   │ emit         rounded to the node's grid              │ again for what fails,
-//!   │ certify      distance and normals, both ways         │ with half the freedom
+//!   │ certify      distance and normals, both ways         │ with less freedom
 //!   ▼ restore      what is not within the budget ──────────┘
 //! appearance ─ collapse on, shape alone ─▶ … ─▶ geometric
 //! ```
@@ -13,6 +13,7 @@
 //! node. Only these are taken back and done again; certifying once instead of at each collapse is
 //! what makes certainty affordable.
 
+mod chains;
 mod collapse;
 mod emit;
 mod prepare;
@@ -23,7 +24,8 @@ use glam::DVec3;
 use hlod_compress::Mesh;
 
 use crate::certificate::{Ask, Carried, Certificate, Deviation, NONE, Pair, Surface, certify};
-use collapse::{AttributeLimits, Collapser, Limits, Vertex};
+use chains::{Shading, simplify_chains};
+use collapse::{AttributeLimits, Collapser, Limits, Pin, Vertex};
 use emit::{Emitted, add_speck, emit, surface_of};
 use prepare::{Prepared, prepare};
 
@@ -32,7 +34,7 @@ use prepare::{Prepared, prepare};
 pub(crate) struct Budget {
     /// The cell's edge divided by the resolution.
     pub(crate) whole: f64,
-    /// Largest two-sided distance to the source.
+    /// What most of the source leaves of it for this step's distance.
     pub(crate) distance: f64,
     /// Positions are rounded to multiples of `2^grid_shift`.
     pub(crate) grid_shift: u8,
@@ -41,6 +43,40 @@ pub(crate) struct Budget {
     /// Edge of the cell.
     pub(crate) cell_units: u32,
 }
+
+impl Budget {
+    /// The nearest place on the node's grid; what is on a face of the cell stays on it. Cells that
+    /// share a face round alike.
+    fn on_grid(&self, p: [i32; 3]) -> [i32; 3] {
+        let step = 1i64 << self.grid_shift;
+        std::array::from_fn(|i| {
+            let offset = i64::from(p[i]) - i64::from(self.cell_min[i]);
+            (i64::from(self.cell_min[i]) + (offset + step / 2) / step * step) as i32
+        })
+    }
+
+    /// Largest distance to a triangle of the source that carries so much already.
+    fn left(&self, carried: f64) -> f64 {
+        (self.whole - carried).max(LEAST_SHARE * self.whole)
+    }
+
+    /// The same, for most of a source.
+    pub(crate) fn left_by_most(whole: f64, source: &Source) -> f64 {
+        let mut carried: Vec<f64> = source.distances().collect();
+        if carried.is_empty() {
+            return whole;
+        }
+        let at = (MOST * (carried.len() - 1) as f64) as usize;
+        let most = *carried.select_nth_unstable_by(at, f64::total_cmp).1;
+        (whole - most).max(LEAST_SHARE * whole)
+    }
+}
+
+/// This share of the budget is always left: what carries more becomes worse than the budget.
+const LEAST_SHARE: f64 = 0.25;
+
+/// The share of a source's triangles that are most of it.
+const MOST: f64 = 0.9;
 
 /// Geometry of a node, gathered from below. Lengths in lattice steps.
 #[derive(Debug, Default)]
@@ -55,8 +91,12 @@ pub(crate) struct Source {
 impl Source {
     /// Bound of the two-sided Hausdorff distance to the original.
     pub(crate) fn distance(&self) -> f64 {
-        let both = |c: &Carried| c.forward.distance.max(c.backward.distance);
-        self.carried.iter().map(both).fold(0.0, f64::max)
+        self.distances().fold(0.0, f64::max)
+    }
+
+    /// The same of each triangle.
+    fn distances(&self) -> impl Iterator<Item = f64> + '_ {
+        self.carried.iter().map(|c| c.forward.distance.max(c.backward.distance))
     }
 }
 
@@ -85,10 +125,10 @@ pub(crate) struct Both {
 }
 
 /// Root mean square distance at which quadrics stop, as a share of the budget.
-const QUADRIC_SHARE: f64 = 0.5;
+const QUADRIC_SHARE: f64 = 0.6;
 
 /// How often what fails is taken back before its last state is taken, with the error that it has.
-const ROUNDS: u32 = 12;
+const ROUNDS: u32 = 16;
 
 /// Simplifies `source` within `budget`.
 ///
@@ -104,8 +144,15 @@ fn run<const K: usize>(source: &Source, budget: &Budget) -> Both {
         + DVec3::splat(f64::from(budget.cell_units) * 0.5);
     let prepared = prepare(&source.mesh, centre, budget.whole);
     let neighbours = prepared.surface.neighbours();
-    let vertices: Vec<Vertex<K>> =
+    let mut vertices: Vec<Vertex<K>> =
         (0..prepared.positions.len()).map(|v| start(&prepared, v, budget)).collect();
+    for (triangle, carried) in prepared.surface.triangles.iter().zip(source.distances()) {
+        let allowance = QUADRIC_SHARE * budget.left(carried);
+        for &v in triangle {
+            let vertex = &mut vertices[v as usize];
+            vertex.allowance = vertex.allowance.min(allowance);
+        }
+    }
     let mut collapser = Collapser::new(&vertices, &prepared.surface.triangles);
 
     let tolerance = (NOISE * prepared.normal_noise).max(NORMAL_STEP);
@@ -115,15 +162,24 @@ fn run<const K: usize>(source: &Source, budget: &Budget) -> Both {
         reach: REACH * budget.distance,
     };
     let limits = Limits {
-        distance: QUADRIC_SHARE * budget.distance,
         grid: f64::from(1u32 << budget.grid_shift),
         origin: DVec3::from_array(budget.cell_min.map(f64::from)) - centre,
         attributes: Some(attributes),
     };
+    let shading = Shading { noise: NOISE, step: NORMAL_STEP, reach: attributes.reach };
+    let chains = simplify_chains(&source.mesh, budget, &shading);
+    let pins: Vec<Pin<K>> = chains.pins.iter().map(|pin| pin_at(pin, centre)).collect();
+    let pin_of = |geometric: bool| -> Vec<u32> {
+        let pin =
+            |p: &[i32; 3]| chains.pin_of.get(p).map_or(NONE, |pins| pins[usize::from(geometric)]);
+        prepared.positions.iter().map(pin).collect()
+    };
     let step =
         Step { source, prepared: &prepared, neighbours: &neighbours, centre, budget, tolerance };
+    collapser.pin(pins.clone(), pin_of(false));
     let appearance = refine(&mut collapser, &limits, &step);
     let limits = Limits { attributes: None, ..limits };
+    collapser.pin(pins, pin_of(true));
     collapser.relax(&limits);
     let geometric = refine(&mut collapser, &limits, &step);
     Both { appearance, geometric }
@@ -174,6 +230,16 @@ fn start<const K: usize>(prepared: &Prepared, v: usize, budget: &Budget) -> Vert
             let offset = prepared.positions[v][i].abs_diff(budget.cell_min[i]);
             offset == 0 || offset == budget.cell_units
         }),
+        allowance: QUADRIC_SHARE * budget.whole,
+        pin: NONE,
+    }
+}
+
+fn pin_at<const K: usize>(pin: &chains::Pin, centre: DVec3) -> Pin<K> {
+    let values = [pin.normal.to_array(), pin.colour.to_array()];
+    Pin {
+        place: DVec3::from_array(pin.place.map(f64::from)) - centre,
+        attributes: std::array::from_fn(|k| f64::from(values.as_flattened()[k])),
     }
 }
 
@@ -196,9 +262,13 @@ fn refine<const K: usize>(
             specks = (0..prepared.surface.triangles.len() as u32).collect();
             continue;
         }
-        let limit = if round < ROUNDS { budget.distance } else { f64::INFINITY };
-        let ask =
-            Ask { tolerance: TOLERANCE * budget.distance, limit, near: NEAR * budget.distance };
+        let limit = if round < ROUNDS { budget.whole } else { f64::INFINITY };
+        let ask = Ask {
+            tolerance: TOLERANCE * budget.distance,
+            limit,
+            least: LEAST_SHARE * budget.whole,
+            near: NEAR * budget.distance,
+        };
         let simplified = surface_of(&mesh, centre);
         let known = earlier.map(|(c, old)| c.still_known(&old, &simplified)).unwrap_or_default();
         let pair = Pair {
@@ -213,12 +283,12 @@ fn refine<const K: usize>(
             return finish(mesh, &certificate, prepared, step.source, step.tolerance);
         }
         if round >= SPECK_ROUND {
-            specks.extend(certificate.lost.iter().map(|&(lost, _)| lost));
+            specks.extend(&certificate.lost);
             specks.sort_unstable();
             specks.dedup();
         }
         let wrong = wrong_vertices(collapser, &certificate, &pair);
-        let restored = collapser.restore(|v| wrong[v as usize]);
+        let restored = collapser.restore(|v| wrong[v as usize], round >= RELEASE_ROUND);
         collapser.run(limits, |v| restored[v as usize]);
         earlier = Some((certificate, simplified));
     }
@@ -233,22 +303,24 @@ fn wrong_vertices<const K: usize>(
 ) -> Vec<bool> {
     let mut wrong = vec![false; pair.became.len()];
     let mut simplified_wrong = vec![false; pair.simplified.positions.len()];
-    let mut blame = |triangle: u32| {
-        let corners = pair.simplified.triangles[triangle as usize];
-        corners.iter().for_each(|&v| simplified_wrong[v as usize] = true);
-    };
-    for &(lost, near) in &certificate.lost {
+    for &lost in &certificate.lost {
         for &v in &pair.source.triangles[lost as usize] {
             wrong[collapser.vertex_of(v) as usize] = true;
         }
-        blame(near);
     }
-    certificate.invented.iter().for_each(|&t| blame(t));
+    for &invented in &certificate.invented {
+        let corners = pair.simplified.triangles[invented as usize];
+        corners.iter().for_each(|&v| simplified_wrong[v as usize] = true);
+    }
     for (v, &became) in pair.became.iter().enumerate() {
         wrong[v] |= became != NONE && simplified_wrong[became as usize];
     }
     wrong
 }
+
+/// From this round on, vertices on chains that are still wrong are taken back to the source's, so
+/// that the neighbouring cell's differ.
+const RELEASE_ROUND: u32 = 8;
 
 /// From this round on, what is still lost has been rounded away: pieces by themselves that are
 /// smaller than the grid.

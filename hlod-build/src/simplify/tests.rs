@@ -1,3 +1,5 @@
+use std::collections::HashMap;
+
 use hlod_compress::OctNormal;
 
 use super::*;
@@ -90,6 +92,45 @@ fn a_flat_sheet_needs_a_handful_of_triangles() {
             assert!(bound[..2].iter().all(|c| c.abs_diff(outline) <= 64), "{lo:?} {hi:?}");
         }
         assert!(simplified.distance <= 64.0);
+    }
+}
+
+/// The eight octants of a ball, simplified apart, meet in the same edges, corner for corner and
+/// normal for normal: put together they are closed again.
+#[test]
+fn pieces_simplified_apart_fit_together() {
+    let half = CELL / 2;
+    let mut pieces = vec![(ball(120), [0i32; 3])];
+    for axis in 0..3 {
+        pieces = pieces
+            .into_iter()
+            .flat_map(|(mesh, min)| {
+                let (low, high) = crate::partition::cut(&mesh, axis, half as i32);
+                let mut above = min;
+                above[axis] = half as i32;
+                [(low, min), (high, above)]
+            })
+            .collect();
+    }
+    for distance in [30.0, 120.0, 480.0] {
+        let mut joined = [Mesh::default(), Mesh::default()];
+        let mut index_of: [HashMap<_, u32>; 2] = Default::default();
+        for (mesh, cell_min) in &pieces {
+            let budget = Budget { cell_min: *cell_min, cell_units: half, ..budget(distance) };
+            let both = simplify(&source(mesh.clone()), &budget);
+            for (k, simplified) in [both.appearance, both.geometric].into_iter().enumerate() {
+                let mut number = |v: u32| {
+                    let vertex = crate::partition::Vertex::of(&simplified.mesh, v);
+                    *index_of[k].entry(vertex).or_insert_with(|| vertex.push_to(&mut joined[k]))
+                };
+                let triangles: Vec<_> =
+                    simplified.mesh.triangles.iter().map(|t| t.map(&mut number)).collect();
+                joined[k].triangles.extend(triangles);
+            }
+        }
+        for mesh in &joined {
+            assert_eq!(topology(mesh), (0, 2), "distance {distance}");
+        }
     }
 }
 

@@ -1,0 +1,83 @@
+//! Where the geometry of one cell ends: edges that only one triangle has.
+
+use std::collections::HashMap;
+
+use hlod_compress::Mesh;
+
+/// The cube that a node's geometry lies in, in lattice steps.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Cube {
+    pub(crate) min: [i32; 3],
+    pub(crate) units: u32,
+}
+
+impl Cube {
+    /// The faces that a position lies on: bit `axis` for the lower, `3 + axis` for the upper.
+    pub(crate) fn faces(&self, p: [i32; 3]) -> u8 {
+        (0..3).fold(0, |bits, i| {
+            let offset = p[i].abs_diff(self.min[i]);
+            bits | (u8::from(offset == 0) << i) | (u8::from(offset == self.units) << (3 + i))
+        })
+    }
+}
+
+/// An edge that only one triangle has, from corner `k` of it to corner `k + 1`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct OpenEdge {
+    pub(crate) triangle: u32,
+    pub(crate) k: u8,
+    /// Numbers of the positions of its ends.
+    pub(crate) ends: [u32; 2],
+}
+
+/// The open edges of a mesh, by positions: vertices that differ in their normals alone do not part a
+/// surface.
+pub(crate) struct Borders {
+    pub(crate) edges: Vec<OpenEdge>,
+    /// Number of each vertex' position.
+    pub(crate) position_of: Vec<u32>,
+    pub(crate) positions: Vec<[i32; 3]>,
+    /// [`Cube::faces`] of each position.
+    pub(crate) faces: Vec<u8>,
+}
+
+impl Borders {
+    pub(crate) fn of(mesh: &Mesh, cube: &Cube) -> Borders {
+        let mut number_of: HashMap<[i32; 3], u32> = HashMap::with_capacity(mesh.positions.len());
+        let mut positions = Vec::new();
+        let position_of: Vec<u32> = mesh
+            .positions
+            .iter()
+            .map(|p| {
+                *number_of.entry(*p).or_insert_with(|| {
+                    positions.push(*p);
+                    positions.len() as u32 - 1
+                })
+            })
+            .collect();
+        let faces: Vec<u8> = positions.iter().map(|p| cube.faces(*p)).collect();
+        let mut edges = Vec::with_capacity(3 * mesh.triangles.len());
+        for (t, triangle) in mesh.triangles.iter().enumerate() {
+            let at = triangle.map(|v| position_of[v as usize]);
+            for k in 0..3 {
+                let ends = [at[k], at[(k + 1) % 3]];
+                edges.push(OpenEdge { triangle: t as u32, k: k as u8, ends });
+            }
+        }
+        let undirected = |e: &OpenEdge| [e.ends[0].min(e.ends[1]), e.ends[0].max(e.ends[1])];
+        edges.sort_unstable_by_key(|e| (undirected(e), e.triangle, e.k));
+        let edges = edges
+            .chunk_by(|a, b| undirected(a) == undirected(b))
+            .filter_map(|same| match same {
+                [edge] => Some(*edge),
+                _ => None,
+            })
+            .collect();
+        Borders { edges, position_of, positions, faces }
+    }
+
+    /// The faces of the cube that an edge lies on.
+    pub(crate) fn faces_of(&self, edge: &OpenEdge) -> u8 {
+        self.faces[edge.ends[0] as usize] & self.faces[edge.ends[1] as usize]
+    }
+}
