@@ -29,14 +29,16 @@ pub(super) struct Cover<'a> {
     visited: Vec<u32>,
     search: u32,
     pending: Vec<u32>,
-    /// Projected corners of what was visited, to count how often a point is covered.
-    projected: Vec<[Point; 3]>,
+    /// Projected vertices of the other surface, and in which search they were.
+    points: Vec<(u32, Point)>,
+    /// Triangles that were visited, to count how often a point is covered.
+    projected: Vec<[u32; 3]>,
     polygon: Vec<Point>,
     spare: Vec<Point>,
 }
 
 /// A point in the frame of the triangle.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 struct Point {
     /// Barycentric coordinates of the projection; inside where none is negative.
     inside: DVec3,
@@ -120,24 +122,24 @@ impl<'a> Cover<'a> {
             visited: vec![0; over.triangles.len()],
             search: 0,
             pending: Vec::new(),
+            points: vec![(0, Point::default()); over.positions.len()],
             projected: Vec::new(),
             polygon: Vec::new(),
             spare: Vec::new(),
         }
     }
 
-    /// Bounds the distance from `triangle` of `from` to the other surface, starting from `seeds`;
+    /// Bounds the distance from a triangle to the other surface, starting from `seeds`;
     /// `None` where no cover was found. `covered(t)` is told the triangles of the other surface
     /// over it.
     pub(super) fn find(
         &mut self,
-        from: &Surface,
-        triangle: u32,
+        corners: [DVec3; 3],
+        looks: [Look; 3],
         seeds: impl Iterator<Item = u32>,
         mut covered: impl FnMut(u32),
     ) -> Option<Bound> {
-        let corners = from.corners(triangle);
-        let frame = Frame::new(corners, from.corner_looks(triangle))?;
+        let frame = Frame::new(corners, looks)?;
         // In barycentric units: the shortest altitude turns lengths into them.
         let steepest = frame.gradients.iter().map(|g| g.length()).fold(0.0, f64::max);
         let margin = self.rounding * steepest;
@@ -149,9 +151,16 @@ impl<'a> Cover<'a> {
             self.visit(seed);
         }
         while let Some(t) = self.pending.pop() {
-            let positions = self.over.corners(t);
-            let looks = self.over.corner_looks(t);
-            let points: [Point; 3] = std::array::from_fn(|k| frame.point(positions[k], &looks[k]));
+            let vertices = self.over.triangles[t as usize];
+            let points = vertices.map(|v| {
+                let v = v as usize;
+                let (search, point) = &mut self.points[v];
+                if *search != self.search {
+                    *search = self.search;
+                    *point = frame.point(self.over.positions[v], &self.over.looks[v]);
+                }
+                *point
+            });
             let outside = |p: &Point, axis: usize| p.inside[axis] < -margin;
             if (0..3).any(|axis| points.iter().all(|p| outside(p, axis))) {
                 continue;
@@ -181,7 +190,7 @@ impl<'a> Cover<'a> {
             if bound.distance > self.limit {
                 return None;
             }
-            self.projected.push(points);
+            self.projected.push(vertices);
         }
         // Any point will do; one that lies on a projected edge is no witness.
         const WITNESSES: [DVec3; 3] = [
@@ -204,9 +213,9 @@ impl<'a> Cover<'a> {
     /// How many projected triangles hold the point; `None` where an edge passes too close to it.
     fn count_over(&self, witness: &DVec3, margin: f64) -> Option<u32> {
         let mut count = 0;
-        for points in &self.projected {
+        for vertices in &self.projected {
             // Two barycentric coordinates are an affine frame of the plane.
-            let at = |k: usize| points[k % 3].inside - *witness;
+            let at = |k: usize| self.points[vertices[k % 3] as usize].1.inside - *witness;
             let mut signs = 0;
             for k in 0..3 {
                 let (p, q) = (at(k), at(k + 1));

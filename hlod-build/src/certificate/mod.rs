@@ -41,7 +41,7 @@ use std::collections::HashMap;
 pub(crate) use surface::{Look, NONE, Surface};
 
 use cover::Cover;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use pieces::{Bound, Corner, OverLimit, SLACK, Search};
 use surface::{Difference, Foot};
 
@@ -297,21 +297,10 @@ pub(crate) fn certify(pair: &Pair<'_>, ask: Ask, known: Known) -> Certificate {
             search.limit = allowed;
             let seeds = over.of(t).iter().filter_map(|&v| source.star(v).first().copied());
             let seeds = seeds.chain((near != NONE).then_some(near));
-            let bound = cover
-                .find(simplified, t, seeds, matched)
-                .or_else(|| {
-                    let [a, b, c] = simplified.corners(t);
-                    let middle = source.closest((a + b + c) / 3.0, near).triangle;
-                    cover.find(simplified, t, std::iter::once(middle), matched)
-                })
-                .or_else(|| {
-                    let corners = simplified.triangles[t as usize].map(|v| {
-                        let v = v as usize;
-                        let foot = source.closest(simplified.positions[v], near);
-                        Corner::new(simplified.positions[v], simplified.looks[v], foot, source)
-                    });
-                    search.bound(corners, matched).ok()
-                });
+            let (corners, looks) = (simplified.corners(t), simplified.corner_looks(t));
+            let bound = cover.find(corners, looks, seeds, matched).or_else(|| {
+                bound_in_parts(corners, looks, source, &mut cover, &mut search, matched)
+            });
             let Some(bound) = bound else { break };
             let room = room(carried.get().distance);
             if bound.distance <= room {
@@ -334,6 +323,54 @@ pub(crate) fn certify(pair: &Pair<'_>, ask: Ask, known: Known) -> Certificate {
     }
     out
 }
+
+/// Bounds a triangle of which the source does not cover all, at its border for example: covers what
+/// can be covered in halves of halves, and searches for the rest.
+fn bound_in_parts(
+    corners: [DVec3; 3],
+    looks: [Look; 3],
+    source: &Surface,
+    cover: &mut Cover<'_>,
+    search: &mut Search<'_>,
+    matched: impl Fn(u32) + Copy,
+) -> Option<Bound> {
+    let mut out = Bound::default();
+    let mut pending = vec![(corners, looks, 0)];
+    let mut hint = NONE;
+    while let Some((corners, looks, depth)) = pending.pop() {
+        let [a, b, c] = corners;
+        hint = source.closest((a + b + c) / 3.0, hint).triangle;
+        let mut found = cover.find(corners, looks, std::iter::once(hint), matched);
+        if found.is_none() && depth < PARTS_DEPTH {
+            let middles: [DVec3; 3] =
+                std::array::from_fn(|k| (corners[k] + corners[(k + 1) % 3]) * 0.5);
+            let middle_looks: [Look; 3] = std::array::from_fn(|k| {
+                Look::mix([looks[k], looks[(k + 1) % 3], looks[k]], [0.5, 0.5, 0.0])
+            });
+            pending.push((middles, middle_looks, depth + 1));
+            for k in 0..3 {
+                let before = (k + 2) % 3;
+                let part = [corners[k], middles[k], middles[before]];
+                let part_looks = [looks[k], middle_looks[k], middle_looks[before]];
+                pending.push((part, part_looks, depth + 1));
+            }
+            continue;
+        }
+        if found.is_none() {
+            let corners = std::array::from_fn(|k| {
+                Corner::new(corners[k], looks[k], source.closest(corners[k], hint), source)
+            });
+            found = search.bound(corners, matched).ok();
+        }
+        let found = found?;
+        out.distance = out.distance.max(found.distance);
+        out.difference = out.difference.max(found.difference);
+    }
+    Some(out)
+}
+
+/// How often a triangle is quartered before points are searched for one by one.
+const PARTS_DEPTH: u32 = 1;
 
 /// The source's vertices by the simplified triangle that their foot lies on.
 struct VerticesOver {
@@ -386,7 +423,15 @@ fn feet(pair: &Pair<'_>, tolerance: f64, near: f64, is_known: impl Fn(usize) -> 
         }
         if !(foot.triangle != NONE && inside(foot) && good(foot)) {
             if became[v as usize] != NONE {
-                *foot = simplified.nearest_of_star(p, became[v as usize], *foot);
+                for &t in simplified.star(became[v as usize]) {
+                    let other = simplified.foot_on(p, t);
+                    if other.distance < foot.distance {
+                        *foot = other;
+                        if inside(foot) && good(foot) {
+                            break;
+                        }
+                    }
+                }
             }
             if foot.triangle != NONE && !inside(foot) && !good(foot) {
                 *foot = simplified.walk(p, *foot);

@@ -396,8 +396,7 @@ impl<'a, const K: usize> Collapser<'a, K> {
 
     fn candidate(&self, a: u32, b: u32, limits: &Limits) -> Candidate {
         let [va, vb] = [a, b].map(|v| &self.vertices[v as usize]);
-        let mut quadric = self.quadrics[a as usize];
-        quadric.add(&self.quadrics[b as usize]);
+        let quadric = self.quadrics[a as usize].sum(&self.quadrics[b as usize]);
         let middle = (va.position + vb.position) * 0.5;
         let fixed =
             std::array::from_fn(|i| [va, vb].iter().find(|v| v.fixed[i]).map(|v| v.position[i]));
@@ -528,8 +527,7 @@ impl<'a, const K: usize> Collapser<'a, K> {
     /// How fast attributes change along the surface round the merged vertex: the least, over its
     /// triangles, of the steepest edge.
     fn slope_round(&mut self, a: u32, b: u32, candidate: &Candidate) -> f64 {
-        let mut quadric = self.quadrics[a as usize];
-        quadric.add(&self.quadrics[b as usize]);
+        let quadric = self.quadrics[a as usize].sum(&self.quadrics[b as usize]);
         let here = Vertex::<K> {
             position: candidate.place,
             attributes: quadric.attributes_at(candidate.place),

@@ -125,7 +125,7 @@ pub(crate) struct Both {
 }
 
 /// Root mean square distance at which quadrics stop, as a share of the budget.
-const QUADRIC_SHARE: f64 = 0.6;
+const QUADRIC_SHARE: f64 = 0.5;
 
 /// How often what fails is taken back before its last state is taken, with the error that it has.
 const ROUNDS: u32 = 16;

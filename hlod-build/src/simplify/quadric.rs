@@ -129,6 +129,22 @@ impl<const K: usize> Quadric<K> {
         }
     }
 
+    /// Both together.
+    pub(super) fn sum(&self, other: &Quadric<K>) -> Quadric<K> {
+        let form = |a: &Form, b: &Form| Form {
+            a: std::array::from_fn(|i| a.a[i] + b.a[i]),
+            b: a.b + b.b,
+            c: a.c + b.c,
+        };
+        Quadric {
+            area: self.area + other.area,
+            planes: form(&self.planes, &other.planes),
+            fields: form(&self.fields, &other.fields),
+            gradients: std::array::from_fn(|k| self.gradients[k] + other.gradients[k]),
+            constants: std::array::from_fn(|k| self.constants[k] + other.constants[k]),
+        }
+    }
+
     /// The place with the least error, near `middle`: the square of `attribute_length` is what a
     /// squared unit of the attributes counts. Coordinates in `fixed` are kept.
     pub(super) fn best_place(
