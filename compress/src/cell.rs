@@ -58,8 +58,24 @@ impl CellKey {
         index
     }
 
+    /// The cell of a depth at a position among the `2^depth` along each axis.
+    ///
+    /// # Panics
+    /// When `depth` is above [`MAX_DEPTH`] or the position outside the root.
+    pub fn at(depth: u8, index: [u32; 3]) -> CellKey {
+        assert!(depth <= MAX_DEPTH && index.iter().all(|i| i >> depth == 0), "{index:?}");
+        let bit = |level: u32, axis: u32| {
+            u64::from(index[axis as usize] >> level & 1) << (3 * level + axis)
+        };
+        let bits = (0..u32::from(depth)).flat_map(|level| (0..3).map(move |axis| bit(level, axis)));
+        CellKey { depth, morton: bits.sum() }
+    }
+
     /// Checks a key read from a file.
-    pub(crate) fn from_parts(depth: u8, morton: u64) -> Result<CellKey, FormatError> {
+    ///
+    /// # Errors
+    /// When there is no such cell.
+    pub fn from_parts(depth: u8, morton: u64) -> Result<CellKey, FormatError> {
         if depth > MAX_DEPTH || morton >> (3 * u32::from(depth)) != 0 {
             return Err(FormatError::malformed(
                 "skeleton block",
@@ -94,6 +110,7 @@ mod tests {
     fn index_follows_octants() {
         let cell = CellKey::ROOT.child(0b101).child(0b010);
         assert_eq!(cell.index(), [0b10, 0b01, 0b10]);
+        assert_eq!(CellKey::at(2, cell.index()), cell);
         assert_eq!(cell.parent(), Some(CellKey::ROOT.child(5)));
         assert_eq!(cell.octant(), 2);
         assert_eq!(cell.to_string(), "2:5/2");

@@ -202,6 +202,26 @@ impl NodeRecord {
         9 + 2 + 24 + 8 + 1 + representations * Representation::BYTES + children
     }
 
+    /// The record by itself, as blocks hold it.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut w = ByteWriter::default();
+        self.write(&mut w);
+        w.bytes
+    }
+
+    /// Reads what [`Self::to_bytes`] wrote.
+    ///
+    /// # Errors
+    /// When the bytes are not a record.
+    pub fn parse(bytes: &[u8]) -> Result<NodeRecord, FormatError> {
+        let mut r = ByteReader::new("node record", bytes);
+        let record = NodeRecord::read(&mut r)?;
+        if r.remaining() > 0 {
+            return Err(FormatError::malformed("node record", "bytes are left over"));
+        }
+        Ok(record)
+    }
+
     fn write(&self, w: &mut ByteWriter) {
         w.u8(self.cell.depth());
         w.u64(self.cell.morton());

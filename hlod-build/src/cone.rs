@@ -31,6 +31,15 @@ impl ConeBuilder {
         cone
     }
 
+    /// What is kept of the normals, to be stored.
+    pub(crate) fn bins(&self) -> &[u64; BINS / 64] {
+        &self.bins
+    }
+
+    pub(crate) fn from_bins(bins: [u64; BINS / 64]) -> ConeBuilder {
+        ConeBuilder { bins }
+    }
+
     pub(crate) fn merge(&mut self, other: &ConeBuilder) {
         self.bins.iter_mut().zip(other.bins).for_each(|(a, b)| *a |= b);
     }

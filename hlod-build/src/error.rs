@@ -48,6 +48,38 @@ pub enum BuildError {
         /// The lattice's step.
         step: f64,
     },
+    /// A scan has only faces without an area.
+    #[error("{path}: none of its {faces} faces has three different corners")]
+    NoTriangles {
+        /// The scan.
+        path: PathBuf,
+        /// How many faces it has.
+        faces: u64,
+    },
+    /// The memory allowed does not suffice.
+    #[error(
+        "{path}: {why}, which takes about {} MiB; --memory allows {} MiB",
+        needed_bytes.div_ceil(1 << 20), budget_bytes >> 20
+    )]
+    Memory {
+        /// What is being read or written.
+        path: PathBuf,
+        /// What takes it.
+        why: &'static str,
+        /// How much is needed.
+        needed_bytes: u64,
+        /// How much is allowed.
+        budget_bytes: u64,
+    },
+    /// A file of the work folder is not what this build wrote.
+    #[error("{path}: is damaged; give --resume to make it again")]
+    Work {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Stopped by the user.
+    #[error("stopped; give the same command with --resume to go on ({0} holds what is done)")]
+    Stopped(PathBuf),
     /// A program ends before its work does.
     #[error("{0}")]
     Usage(String),
@@ -63,6 +95,12 @@ impl BuildError {
             }
             _ => false,
         }
+    }
+
+    /// Whether a build could go on when it has passed: a full disk, too little memory, a stop.
+    pub(crate) fn is_passing(&self) -> bool {
+        use BuildError::{Io, Memory, Stopped, Work};
+        matches!(self, Io { .. } | Memory { .. } | Stopped(_) | Work { .. })
     }
 
     pub(crate) fn format(path: &Path) -> impl FnOnce(FormatError) -> BuildError {

@@ -5,132 +5,206 @@
 //! triangle is known to be wrong by travels with it: a level adds its own step.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use hlod_compress::{
-    BoundStatus, CellKey, Children, Errors, FormatError, Lattice, Mesh, NodeFlags, NodeRecord,
-    NormalCone, PageRef, Representation, RepresentationKind, encode_mesh,
+    BoundStatus, CellKey, Children, Errors, FormatError, Lattice, MAX_DEPTH, Mesh, NodeFlags,
+    NodeRecord, NormalCone, PageRef, Representation, RepresentationKind, encode_mesh,
 };
 use rayon::prelude::*;
 
 use crate::borders::Cube;
 use crate::certificate::Carried;
 use crate::cone::ConeBuilder;
+use crate::gate::Gate;
 use crate::partition::{Leaf, Vertex};
 use crate::progress::Progress;
 use crate::seams::close_seams;
-use crate::simplify::{Both, Budget, Simplified, Source, simplify};
+use crate::simplify::{Both, Budget, LEAST_SHARE, Simplified, Source, simplify};
 
 /// A node with its pages' bytes, ready to be laid out.
-pub struct BuiltNode {
+pub(crate) struct BuiltNode {
     /// The record; page offsets and places of children are not known yet.
-    pub record: NodeRecord,
+    pub(crate) record: NodeRecord,
     /// One page for each of the record's representations.
-    pub pages: Vec<Vec<u8>>,
+    pub(crate) pages: Vec<Vec<u8>>,
 }
 
-/// Simplified geometry that levels above still need.
-type Level = HashMap<CellKey, Source>;
-
-/// Number of inner nodes above these leaves.
-pub fn inner_node_count(leaves: &[Leaf]) -> u64 {
-    ancestors(leaves).len() as u64
+/// What levels above need of a node.
+pub(crate) struct Piece {
+    /// Its appearance; of a leaf the original.
+    pub(crate) source: Source,
+    pub(crate) is_leaf: bool,
+    /// Normals and bounds of it and of everything below.
+    pub(crate) cone: ConeBuilder,
+    pub(crate) bounds: [[i32; 3]; 2],
 }
 
-fn ancestors(leaves: &[Leaf]) -> BTreeSet<CellKey> {
-    let mut cells = BTreeSet::new();
-    for leaf in leaves {
-        let mut cell = leaf.cell.parent();
-        while let Some(inner) = cell.filter(|&c| cells.insert(c)) {
-            cell = inner.parent();
-        }
-    }
-    cells
+/// Pieces by their cells.
+pub(crate) type Pieces = BTreeMap<CellKey, Piece>;
+
+/// What all nodes of a model have in common.
+pub(crate) struct Setting<'a> {
+    pub(crate) lattice: Lattice,
+    pub(crate) resolution: u32,
+    pub(crate) closed_oriented: bool,
+    /// Keeps nodes that are worked on at a time within memory.
+    pub(crate) gate: &'a Gate,
+    pub(crate) progress: &'a dyn Progress,
 }
 
-/// Simplifies bottom-up and encodes every node.
+/// Builds the nodes of a subtree of so many triangles from its leaves, and says what is needed above: the pieces of
+/// `root` and of its children.
 ///
 /// # Errors
-/// When a node is larger than a page may be.
-pub fn build_hierarchy(
+/// When a node is larger than a page or memory may be, or the build was stopped.
+pub(crate) fn build_subtree(
+    root: CellKey,
     leaves: Vec<Leaf>,
-    lattice: &Lattice,
-    resolution: u32,
-    closed_oriented: bool,
-    progress: &dyn Progress,
-) -> Result<Vec<BuiltNode>, FormatError> {
-    let inner = ancestors(&leaves);
-    let flags = NodeFlags { closed_oriented };
-
-    let mut built: Vec<BuiltNode> = leaves
-        .par_iter()
-        .map(|leaf| encode_leaf(leaf, flags))
-        .collect::<Result<_, FormatError>>()?;
-    let leaves: HashMap<CellKey, Mesh> = leaves.into_iter().map(|l| (l.cell, l.mesh)).collect();
-    // Cones and bounds of everything below, which a node's own must hold.
-    let mut summaries: BTreeMap<CellKey, (ConeBuilder, [[i32; 3]; 2])> = built
-        .iter()
-        .map(|node| {
-            let mesh = &leaves[&node.record.cell];
-            (node.record.cell, (ConeBuilder::of_mesh(mesh), node.record.bounds))
-        })
-        .collect();
-
+    triangles: u64,
+    setting: &Setting<'_>,
+) -> Result<(Vec<BuiltNode>, Pieces), NodeError> {
+    let mut inner = BTreeSet::new();
+    for leaf in &leaves {
+        let mut cell = (leaf.cell != root).then(|| leaf.cell.parent()).flatten();
+        while let Some(above) = cell.filter(|&c| inner.insert(c) && c != root) {
+            cell = above.parent();
+        }
+    }
+    let advance = Shares::new(setting.progress, triangles, inner.len() as u64 + 1);
+    let built = leaves.into_par_iter().map(|leaf| build_leaf(leaf, setting));
+    let built = built.collect::<Result<Vec<_>, NodeError>>()?;
+    let mut nodes = Vec::with_capacity(built.len() + inner.len());
+    let mut pieces = Pieces::new();
+    let mut keep = |built: Vec<(BuiltNode, Piece)>, pieces: &mut Pieces| {
+        for (node, piece) in built {
+            pieces.insert(node.record.cell, piece);
+            nodes.push(node);
+        }
+    };
+    keep(built, &mut pieces);
     let deepest = inner.iter().map(|c| c.depth()).max();
-    // The two levels below the current one.
-    let mut below: [Level; 2] = Default::default();
-    for depth in (0..=deepest.unwrap_or(0)).rev() {
+    for depth in (root.depth()..=deepest.unwrap_or(0)).rev() {
         let cells: Vec<CellKey> = inner.iter().copied().filter(|c| c.depth() == depth).collect();
         // All nodes of a depth are independent of one another.
-        let results: Vec<[(Source, Representation, Vec<u8>); 2]> = cells
-            .par_iter()
-            .map(|&cell| {
-                let mut source = gather(cell, &inner, &leaves, &below[1]);
-                // Where two pieces meet, both may be wrong, and cutting rounded by up to a step.
-                let width = 2.0 * source.distance() + 2.0;
-                let cube =
-                    Cube { min: lattice.cell_min(cell), units: lattice.cell_units(cell.depth()) };
-                close_seams(&mut source, width, &cube);
-                let budget = budget(cell, lattice, resolution, &source);
-                let Both { appearance, geometric } = simplify(&source, &budget);
-                let encode = |kind, simplified| encode_inner(kind, simplified, lattice, &budget);
-                let out = [
-                    encode(RepresentationKind::Appearance, appearance)?,
-                    encode(RepresentationKind::Geometric, geometric)?,
-                ];
-                progress.advance(1);
-                Ok(out)
-            })
-            .collect::<Result<_, FormatError>>()?;
-
-        let mut level = Level::default();
-        for (cell, both) in cells.into_iter().zip(results) {
-            let mut pages = Vec::new();
-            let mut representations = Vec::new();
-            let mut summary: Option<(ConeBuilder, [[i32; 3]; 2])> = None;
-            for octant in 0..8 {
-                if let Some((cone, bounds)) = summaries.get(&cell.child(octant)) {
-                    merge(&mut summary, cone.clone(), *bounds);
-                }
-            }
-            for (source, representation, page) in both {
-                if let Some((lo, hi)) = source.mesh.bounds() {
-                    merge(&mut summary, ConeBuilder::of_mesh(&source.mesh), [lo, hi]);
-                }
-                representations.push(representation);
-                pages.push(page);
-                // The appearance is what levels above are made of.
-                level.entry(cell).or_insert(source);
-            }
-            let (cone, bounds) = summary.expect("an inner node has children");
-            let record = record(cell, flags, bounds, cone.finish(), representations);
-            summaries.insert(cell, (cone, bounds));
-            built.push(BuiltNode { record, pages });
-        }
-        let [one, _] = below;
-        below = [level, one];
+        let built = cells.par_iter().map(|&cell| {
+            let built = build_inner(cell, &pieces, setting);
+            advance.one();
+            built
+        });
+        keep(built.collect::<Result<Vec<_>, NodeError>>()?, &mut pieces);
+        // Nothing above gathers what is deeper.
+        pieces.retain(|cell, _| cell.depth() <= depth + 1);
     }
-    Ok(built)
+    advance.one();
+    Ok((nodes, pieces))
 }
+
+/// Progress in equal shares of a whole.
+struct Shares<'a> {
+    progress: &'a dyn Progress,
+    whole: u64,
+    count: u64,
+    done: AtomicU64,
+}
+
+impl<'a> Shares<'a> {
+    fn new(progress: &'a dyn Progress, whole: u64, count: u64) -> Shares<'a> {
+        Shares { progress, whole, count, done: AtomicU64::new(0) }
+    }
+
+    fn one(&self) {
+        let before = self.done.fetch_add(1, Ordering::Relaxed);
+        let up_to =
+            |done: u64| (u128::from(self.whole) * u128::from(done) / u128::from(self.count)) as u64;
+        self.progress.advance(up_to(before + 1) - up_to(before));
+    }
+}
+
+/// Why a node cannot be built.
+#[derive(Debug)]
+pub(crate) enum NodeError {
+    Format(FormatError),
+    /// More memory is needed for one node than there is for all.
+    Memory {
+        needed_bytes: u64,
+        budget_bytes: u64,
+    },
+    Stopped,
+}
+
+impl From<FormatError> for NodeError {
+    fn from(error: FormatError) -> NodeError {
+        NodeError::Format(error)
+    }
+}
+
+fn build_leaf(leaf: Leaf, setting: &Setting<'_>) -> Result<(BuiltNode, Piece), NodeError> {
+    let page = encode_mesh(&leaf.mesh, 0)?;
+    let kind = RepresentationKind::Source;
+    let representation = representation(kind, Errors::NONE, &leaf.mesh, &page);
+    let (lo, hi) = leaf.mesh.bounds().expect("a leaf is never empty");
+    let cone = ConeBuilder::of_mesh(&leaf.mesh);
+    let record = record(leaf.cell, setting, [lo, hi], cone.finish(), vec![representation]);
+    let source = Source { mesh: leaf.mesh, ..Source::default() };
+    let piece = Piece { source, is_leaf: true, cone, bounds: [lo, hi] };
+    Ok((BuiltNode { record, pages: vec![page] }, piece))
+}
+
+/// Gathers a node from the two levels below, which `pieces` holds, and simplifies it.
+///
+/// # Errors
+/// As [`build_subtree`].
+pub(crate) fn build_inner(
+    cell: CellKey,
+    pieces: &Pieces,
+    setting: &Setting<'_>,
+) -> Result<(BuiltNode, Piece), NodeError> {
+    if setting.progress.is_stopped() {
+        return Err(NodeError::Stopped);
+    }
+    let lattice = &setting.lattice;
+    let triangles = gathered(cell, pieces).map(|p| p.source.mesh.triangles.len()).sum::<usize>();
+    let _admitted = setting.gate.enter(triangles as u64 * NODE_BYTES_A_TRIANGLE).map_err(|e| {
+        NodeError::Memory { needed_bytes: e.needed_bytes, budget_bytes: e.budget_bytes }
+    })?;
+    let mut source = gather(cell, pieces);
+    let cube = Cube { min: lattice.cell_min(cell), units: lattice.cell_units(cell.depth()) };
+    let whole = f64::from(cube.units) / f64::from(setting.resolution);
+    // Where two pieces meet, both may be wrong, and cutting rounded by up to a step. What is left
+    // of the budget everywhere must be enough for the least that a step may do.
+    let width = 2.0 * source.distance() + 2.0;
+    close_seams(&mut source, width, (1.0 - LEAST_SHARE) * whole, &cube);
+    let budget = budget(cell, lattice, setting.resolution, &source);
+    let Both { appearance, geometric } = simplify(&source, &budget);
+    drop(source);
+
+    let mut summary: Option<(ConeBuilder, [[i32; 3]; 2])> = None;
+    for octant in 0..8 {
+        if let Some(piece) = pieces.get(&cell.child(octant)) {
+            merge(&mut summary, piece.cone.clone(), piece.bounds);
+        }
+    }
+    let mut of_kind = |kind, simplified| -> Result<_, NodeError> {
+        let encoded = encode_inner(kind, simplified, lattice, &budget)?;
+        if let Some((lo, hi)) = encoded.0.mesh.bounds() {
+            merge(&mut summary, ConeBuilder::of_mesh(&encoded.0.mesh), [lo, hi]);
+        }
+        Ok(encoded)
+    };
+    let appearance = of_kind(RepresentationKind::Appearance, appearance)?;
+    let geometric = of_kind(RepresentationKind::Geometric, geometric)?;
+    let (cone, bounds) = summary.expect("an inner node has children");
+    let representations = vec![appearance.1, geometric.1];
+    let record = record(cell, setting, bounds, cone.finish(), representations);
+    // The appearance is what levels above are made of.
+    let piece = Piece { source: appearance.0, is_leaf: false, cone, bounds };
+    Ok((BuiltNode { record, pages: vec![appearance.2, geometric.2] }, piece))
+}
+
+/// What simplifying a node takes, source and results included, for each triangle gathered: see
+/// the measurement in bench-paths/RESULTS.md.
+pub(crate) const NODE_BYTES_A_TRIANGLE: u64 = 1200;
 
 fn merge(
     summary: &mut Option<(ConeBuilder, [[i32; 3]; 2])>,
@@ -164,16 +238,23 @@ fn budget(cell: CellKey, lattice: &Lattice, resolution: u32, source: &Source) ->
     }
 }
 
+/// The pieces that a node is made of, in the order of their cells: children that are leaves,
+/// grandchildren otherwise.
+fn gathered(cell: CellKey, pieces: &Pieces) -> impl Iterator<Item = &Piece> {
+    (0..8).map(move |octant| cell.child(octant)).flat_map(move |child| {
+        let leaf = pieces.get(&child).filter(|piece| piece.is_leaf);
+        let deeper = leaf.is_none() && child.depth() < MAX_DEPTH;
+        let grandchildren = (0..if deeper { 8 } else { 0 }).map(move |octant| child.child(octant));
+        leaf.into_iter().chain(grandchildren.filter_map(move |cell| pieces.get(&cell)))
+    })
+}
+
 /// Geometry two levels below; vertices that are equal in every attribute are joined.
-fn gather(
-    cell: CellKey,
-    inner: &BTreeSet<CellKey>,
-    leaves: &HashMap<CellKey, Mesh>,
-    two_below: &Level,
-) -> Source {
+fn gather(cell: CellKey, pieces: &Pieces) -> Source {
     let mut out = Source::default();
     let mut index_of: HashMap<Vertex, u32> = HashMap::new();
-    let mut add = |mesh: &Mesh, from: Option<&Source>| {
+    for piece in gathered(cell, pieces) {
+        let Source { mesh, carried, smoothing } = &piece.source;
         let joined = &mut out.mesh;
         let new_from_old: Vec<u32> = (0..mesh.positions.len() as u32)
             .map(|v| {
@@ -182,39 +263,12 @@ fn gather(
             })
             .collect();
         joined.triangles.extend(mesh.triangles.iter().map(|t| t.map(|v| new_from_old[v as usize])));
-        if let Some(from) = from {
-            out.carried.extend(&from.carried);
-            out.smoothing = out.smoothing.max(from.smoothing);
-        }
+        out.carried.extend(carried);
+        out.smoothing = out.smoothing.max(*smoothing);
         // Leaves are the original: they carry nothing.
         out.carried.resize(joined.triangles.len(), Carried::default());
-    };
-    for octant in 0..8 {
-        let child = cell.child(octant);
-        if let Some(mesh) = leaves.get(&child) {
-            add(mesh, None);
-        } else if inner.contains(&child) {
-            for octant in 0..8 {
-                let grandchild = child.child(octant);
-                if let Some(mesh) = leaves.get(&grandchild) {
-                    add(mesh, None);
-                } else if let Some(source) = two_below.get(&grandchild) {
-                    add(&source.mesh, Some(source));
-                }
-            }
-        }
     }
     out
-}
-
-fn encode_leaf(leaf: &Leaf, flags: NodeFlags) -> Result<BuiltNode, FormatError> {
-    let page = encode_mesh(&leaf.mesh, 0)?;
-    let representation =
-        representation(RepresentationKind::Source, Errors::NONE, &leaf.mesh, &page);
-    let (lo, hi) = leaf.mesh.bounds().expect("a leaf is never empty");
-    let cone = ConeBuilder::of_mesh(&leaf.mesh).finish();
-    let record = record(leaf.cell, flags, [lo, hi], cone, vec![representation]);
-    Ok(BuiltNode { record, pages: vec![page] })
 }
 
 fn encode_inner(
@@ -278,7 +332,7 @@ fn representation(
 
 fn record(
     cell: CellKey,
-    flags: NodeFlags,
+    setting: &Setting<'_>,
     bounds: [[i32; 3]; 2],
     cone: NormalCone,
     representations: Vec<Representation>,
@@ -287,7 +341,7 @@ fn record(
     NodeRecord {
         cell,
         child_mask: 0,
-        flags,
+        flags: NodeFlags { closed_oriented: setting.closed_oriented },
         bounds,
         cone,
         representations,

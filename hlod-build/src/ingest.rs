@@ -1,43 +1,19 @@
-//! From scan files to one indexed mesh on the lattice.
+//! What identifies a scan, and how finely its leaves are kept.
 
-use std::collections::HashMap;
 use std::fs::File;
 use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::DVec3;
-use hlod_compress::{Lattice, Mesh, OctNormal, SourceFile};
-use hlod_scan::{ScanMesh, ScanReport};
-use rayon::prelude::*;
+use hlod_compress::SourceFile;
 use sha2::{Digest, Sha256};
 
 use crate::error::BuildError;
-use crate::progress::{Progress, Unit};
-
-/// A scan in memory, in its own coordinates.
-pub struct Scan {
-    /// Vertices and triangles of all inputs together.
-    pub mesh: ScanMesh,
-    /// What identifies the inputs.
-    pub sources: Vec<SourceFile>,
-}
-
-/// A scan on the lattice of the file to be written.
-pub struct Model {
-    /// The lattice.
-    pub lattice: Lattice,
-    /// All triangles with an area, on the lattice.
-    pub mesh: Mesh,
-    /// Where the lattice's step comes from.
-    pub precision: Precision,
-    /// Triangles without an area on the lattice, left out.
-    pub triangles_degenerate: u64,
-    /// Whether the surface bounds a volume and faces outwards.
-    pub closed_oriented: bool,
-}
+use crate::spill::RecordReader;
+use crate::steps::ingest::ScanVertex;
 
 /// Where the precision of the leaves comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Precision {
     /// `--precision`.
@@ -46,23 +22,6 @@ pub enum Precision {
     Detected,
     /// A sixteenth of the short edges (tenth percentile) of the scan.
     Estimated,
-}
-
-/// Reads all inputs as one model.
-///
-/// # Errors
-/// When an input cannot be read or is not a usable scan.
-pub fn read_scan(inputs: &[PathBuf], progress: &dyn Progress) -> Result<Scan, BuildError> {
-    let total = |path: &PathBuf| std::fs::metadata(path).map_or(0, |m| m.len());
-    progress.begin("read", inputs.iter().map(total).sum(), Unit::Bytes);
-    let mut reported = 0;
-    let mesh = hlod_scan::load(inputs, &mut |done, _total| {
-        progress.advance(done.saturating_sub(reported));
-        reported = reported.max(done);
-    })?;
-    progress.end();
-    let sources = inputs.par_iter().map(|p| identify(p)).collect::<Result<_, _>>()?;
-    Ok(Scan { mesh, sources })
 }
 
 /// Name, size and SHA-256 of an input.
@@ -83,60 +42,36 @@ pub(crate) fn identify(path: &Path) -> Result<SourceFile, BuildError> {
     Ok(SourceFile { base_name, file_bytes, sha256: hash.finalize().into() })
 }
 
-impl Scan {
-    /// Rounds the scan to a lattice of `declared` steps, or one that suits it.
-    ///
-    /// # Errors
-    /// When no triangle keeps an area.
-    pub fn place_on_lattice(
-        self,
-        declared: Option<f64>,
-        input: &Path,
-    ) -> Result<(Model, Vec<SourceFile>, Vec<ScanReport>), BuildError> {
-        let Scan { mesh: scan, sources } = self;
-        let (step, precision) = match declared {
-            Some(step) => (step, Precision::Declared),
-            None => {
-                let estimated = estimate_step(&scan);
-                // A far finer grid is the last decimal of a text, not what was measured.
-                match detect_grid_step(&scan.positions).filter(|step| *step > estimated / 8.0) {
-                    Some(step) => (step, Precision::Detected),
-                    None => (estimated, Precision::Estimated),
-                }
-            }
-        };
-        let min = scan.positions.iter().fold(DVec3::INFINITY, |a, &p| a.min(p));
-        let max = scan.positions.iter().fold(DVec3::NEG_INFINITY, |a, &p| a.max(p));
-        let lattice = Lattice::enclosing(min.to_array(), max.to_array(), step);
-
-        let positions: Vec<[i32; 3]> =
-            scan.positions.par_iter().map(|p| lattice.quantise(p.to_array())).collect();
-        let has_area = |t: &&[u32; 3]| {
-            let [a, b, c] = t.map(|v| positions[v as usize]);
-            a != b && b != c && c != a
-        };
-        let triangles: Vec<[u32; 3]> = scan.triangles.iter().filter(has_area).copied().collect();
-        let triangles_degenerate = (scan.triangles.len() - triangles.len()) as u64;
-        if triangles.is_empty() {
-            let (path, triangles) = (input.to_owned(), scan.triangles.len() as u64);
-            return Err(BuildError::NothingLeft { path, triangles, step: lattice.step });
-        }
-        let normals = scan.normals.par_iter().map(|n| OctNormal::encode(n.to_array())).collect();
-        let mesh = Mesh { positions, normals, colours: scan.colours, triangles };
-        let closed_oriented = bounds_a_volume(&mesh);
-        let model = Model { lattice, mesh, precision, triangles_degenerate, closed_oriented };
-        Ok((model, sources, scan.reports))
+/// The step of the leaves' lattice: as `declared`, or one that suits the scan.
+pub(crate) fn choose_step(
+    vertices: &Path,
+    triangles: &Path,
+    declared: Option<f64>,
+) -> Result<(f64, Precision), BuildError> {
+    if let Some(step) = declared {
+        return Ok((step, Precision::Declared));
     }
+    let estimated = estimate_step(vertices, triangles)?;
+    let count = RecordReader::<ScanVertex>::open(vertices)?.left();
+    let stride = count.div_ceil(POSITION_SAMPLES).max(1);
+    let sampled = RecordReader::<ScanVertex>::at(vertices, (0..count).step_by(stride as usize))?;
+    let positions: Vec<[f64; 3]> = sampled.iter().map(|v| v.position).collect();
+    // A far finer grid is the last decimal of a text, not what was measured.
+    Ok(match detect_grid_step(&positions).filter(|step| *step > estimated / 8.0) {
+        Some(step) => (step, Precision::Detected),
+        None => (estimated, Precision::Estimated),
+    })
 }
+
+const POSITION_SAMPLES: u64 = 1 << 17;
+const EDGE_SAMPLES: u64 = 100_000;
 
 /// The step of which all coordinates are multiples (after an offset), for scans that were
 /// quantised when they were made; `None` for others.
-fn detect_grid_step(positions: &[DVec3]) -> Option<f64> {
-    const SAMPLES: usize = 1 << 17;
-    let stride = positions.len().div_ceil(SAMPLES).max(1);
+fn detect_grid_step(positions: &[[f64; 3]]) -> Option<f64> {
     let mut steps = [0.0; 3];
     for (axis, step) in steps.iter_mut().enumerate() {
-        let mut values: Vec<f64> = positions.iter().step_by(stride).map(|p| p[axis]).collect();
+        let mut values: Vec<f64> = positions.iter().map(|p| p[axis]).collect();
         values.sort_by(f64::total_cmp);
         *step = grid_step_of_sorted(&values)?;
     }
@@ -173,61 +108,33 @@ fn grid_step_of_sorted(values: &[f64]) -> Option<f64> {
 }
 
 /// A sixteenth of the tenth percentile of edge lengths: far below what a scanner resolves.
-fn estimate_step(scan: &ScanMesh) -> f64 {
-    const SAMPLES: usize = 100_000;
-    let stride = scan.triangles.len().div_ceil(SAMPLES).max(1);
-    let mut lengths: Vec<f64> = scan
-        .triangles
+fn estimate_step(vertices: &Path, triangles: &Path) -> Result<f64, BuildError> {
+    let count = RecordReader::<[u32; 3]>::open(triangles)?.left();
+    let stride = count.div_ceil(EDGE_SAMPLES).max(1);
+    let sampled = RecordReader::<[u32; 3]>::at(triangles, (0..count).step_by(stride as usize))?;
+    // Vertices in the order of the file, so that it is read from front to back.
+    let mut wanted: Vec<u64> = sampled.iter().flat_map(|t| [t[0], t[1]]).map(u64::from).collect();
+    wanted.sort_unstable();
+    wanted.dedup();
+    let found = RecordReader::<ScanVertex>::at(vertices, wanted.iter().copied())?;
+    let position = |v: u32| {
+        let i = wanted.partition_point(|&w| w < u64::from(v));
+        DVec3::from_array(found[i].position)
+    };
+    let mut lengths: Vec<f64> = sampled
         .iter()
-        .step_by(stride)
-        .map(|t| scan.positions[t[0] as usize].distance(scan.positions[t[1] as usize]))
+        .map(|t| position(t[0]).distance(position(t[1])))
         .filter(|&length| length > 0.0)
         .collect();
     lengths.sort_by(f64::total_cmp);
-    lengths.get(lengths.len() / 10).map_or(1.0, |short| short / 16.0)
-}
-
-/// Whether every directed edge has as many opposites, position by position, and the volume
-/// inside is positive: then nobody outside ever sees a back.
-fn bounds_a_volume(mesh: &Mesh) -> bool {
-    let mut id_of: HashMap<[i32; 3], u32> = HashMap::with_capacity(mesh.positions.len());
-    let ids: Vec<u32> = mesh
-        .positions
-        .iter()
-        .map(|&p| {
-            let next = id_of.len() as u32;
-            *id_of.entry(p).or_insert(next)
-        })
-        .collect();
-    let mut edges: Vec<(u32, u32, bool)> = mesh
-        .triangles
-        .iter()
-        .flat_map(|t| {
-            let t = t.map(|v| ids[v as usize]);
-            [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])]
-        })
-        .map(|(a, b)| (a.min(b), a.max(b), a < b))
-        .collect();
-    edges.par_sort_unstable();
-    let closed = edges
-        .chunk_by(|a, b| (a.0, a.1) == (b.0, b.1))
-        .all(|edge| 2 * edge.iter().filter(|e| e.2).count() == edge.len());
-    let volume: f64 = mesh
-        .triangles
-        .iter()
-        .map(|t| {
-            let [a, b, c] = t.map(|v| DVec3::from_array(mesh.positions[v as usize].map(f64::from)));
-            a.dot(b.cross(c))
-        })
-        .sum();
-    closed && volume > 0.0
+    Ok(lengths.get(lengths.len() / 10).map_or(1.0, |short| short / 16.0))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn grid_points(step: f64, offset: f64) -> Vec<DVec3> {
+    fn grid_points(step: f64, offset: f64) -> Vec<[f64; 3]> {
         let mut state = 1u64;
         let mut next = || {
             state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -235,7 +142,7 @@ mod tests {
         };
         let points = (0..20_000).map(|_| DVec3::new(next(), next(), next()));
         // Through f32, as scans come.
-        points.map(|p| p.as_vec3().as_dvec3()).collect()
+        points.map(|p| p.as_vec3().as_dvec3().to_array()).collect()
     }
 
     #[test]
@@ -249,34 +156,11 @@ mod tests {
     #[test]
     fn other_scans_have_no_step() {
         let mut points = grid_points(1.0, 0.0);
-        points.iter_mut().enumerate().for_each(|(i, p)| *p += 0.3 * (i as f64 * 0.7).sin());
+        for (i, p) in points.iter_mut().enumerate() {
+            *p = p.map(|c| c + 0.3 * (i as f64 * 0.7).sin());
+        }
         assert_eq!(detect_grid_step(&points), None);
-        assert_eq!(detect_grid_step(&[DVec3::ZERO, DVec3::ONE]), None);
+        assert_eq!(detect_grid_step(&[[0.0; 3], [1.0; 3]]), None);
         assert_eq!(detect_grid_step(&[]), None);
-    }
-
-    fn tetrahedron(flip: bool) -> Mesh {
-        let mut triangles = vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
-        if flip {
-            triangles.iter_mut().for_each(|t| t.swap(0, 1));
-        }
-        Mesh {
-            positions: vec![[0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 9]],
-            normals: vec![OctNormal::default(); 4],
-            colours: Vec::new(),
-            triangles,
-        }
-    }
-
-    #[test]
-    fn only_closed_outward_surfaces_bound_a_volume() {
-        assert!(bounds_a_volume(&tetrahedron(false)));
-        assert!(!bounds_a_volume(&tetrahedron(true)));
-        let mut open = tetrahedron(false);
-        open.triangles.pop();
-        assert!(!bounds_a_volume(&open));
-        let mut inconsistent = tetrahedron(false);
-        inconsistent.triangles[1].swap(0, 1);
-        assert!(!bounds_a_volume(&inconsistent));
     }
 }

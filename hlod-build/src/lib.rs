@@ -2,10 +2,11 @@
 //!
 //! ```text
 //! scan.ply .obj .stl .glb
-//!   │ ingest       all inputs as one mesh on the file's lattice
-//!   │ partition    octree cells, triangles cut at cell faces
-//!   │ hierarchy    bottom-up: gather two levels below, simplify, certify, encode
-//!   ▼ pipeline     lay out, write aside, rename
+//!   │ steps/ingest   vertices and triangles, as files
+//!   │ steps/survey   the lattice, normals, a plan of subtrees
+//!   │ steps/scatter  triangles cut into the subtrees' cells
+//!   │ steps/nodes    leaves (partition) and levels above (hierarchy): gather, simplify, certify
+//!   ▼ steps/assemble lay out, write aside, rename
 //! ```
 //!
 //! [`build`] is the outline; [`info`], [`export`] and [`verify`] read the result, [`compare`] measures
@@ -18,6 +19,7 @@ mod compare;
 mod cone;
 mod error;
 mod export;
+mod gate;
 mod hierarchy;
 mod info;
 mod ingest;
@@ -28,6 +30,8 @@ pub mod progress;
 mod resources;
 mod seams;
 mod simplify;
+mod spill;
+mod steps;
 pub mod synth;
 mod triangle_bvh;
 mod verify;

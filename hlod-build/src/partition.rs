@@ -11,58 +11,64 @@ use hlod_compress::{CellKey, Lattice, Mesh, OctNormal};
 use rayon::prelude::*;
 
 use crate::colour::mix_srgba;
-use crate::progress::Progress;
 
 /// A leaf of the octree: the scan's own geometry inside one cell.
 #[derive(Debug, Clone)]
-pub struct Leaf {
+pub(crate) struct Leaf {
     /// Its cell.
-    pub cell: CellKey,
+    pub(crate) cell: CellKey,
     /// Its geometry; never empty.
-    pub mesh: Mesh,
+    pub(crate) mesh: Mesh,
 }
 
-/// Splits cells until each holds at most `leaf_triangles` triangles; leaves come in depth-first
-/// order of their cells.
-pub fn cut_into_leaves(
-    mesh: Mesh,
-    lattice: &Lattice,
-    leaf_triangles: usize,
-    progress: &dyn Progress,
-) -> Vec<Leaf> {
-    split(CellKey::ROOT, mesh, lattice, leaf_triangles, progress)
-}
-
-fn split(
+/// Splits `cell`, of which `mesh` is the geometry, until each cell holds at most `leaf_triangles`
+/// triangles; leaves come in depth-first order of their cells.
+pub(crate) fn cut_into_leaves(
     cell: CellKey,
     mesh: Mesh,
     lattice: &Lattice,
     leaf_triangles: usize,
-    progress: &dyn Progress,
 ) -> Vec<Leaf> {
     if mesh.triangles.is_empty() {
         return Vec::new();
     }
     if mesh.triangles.len() <= leaf_triangles || cell.depth() == lattice.depth_max {
-        progress.advance(mesh.triangles.len() as u64);
-        return vec![Leaf { cell, mesh }];
+        return vec![Leaf { cell, mesh: joined(&mesh) }];
     }
+    octants(mesh, lattice, cell)
+        .into_par_iter()
+        .flat_map_iter(|(octant, part)| {
+            cut_into_leaves(cell.child(octant), part, lattice, leaf_triangles)
+        })
+        .collect()
+}
+
+/// The parts of a cell's geometry in its eight octants.
+pub(crate) fn octants(mesh: Mesh, lattice: &Lattice, cell: CellKey) -> Vec<(u8, Mesh)> {
     let half = (lattice.cell_units(cell.depth()) / 2) as i32;
     let centre = lattice.cell_min(cell).map(|c| c + half);
     let mut parts = vec![mesh];
     for (axis, &plane) in centre.iter().enumerate() {
         // Low parts before high parts on the later axes too: index bit `axis` is the half.
-        let (low, high): (Vec<_>, Vec<_>) =
-            parts.into_par_iter().map(|part| cut(&part, axis, plane)).unzip();
+        let (low, high): (Vec<_>, Vec<_>) = parts.iter().map(|part| cut(part, axis, plane)).unzip();
         parts = low.into_iter().chain(high).collect();
     }
-    parts
-        .into_par_iter()
-        .enumerate()
-        .flat_map_iter(|(octant, part)| {
-            split(cell.child(octant as u8), part, lattice, leaf_triangles, progress)
-        })
-        .collect()
+    (0..).zip(parts).collect()
+}
+
+/// The same triangles with vertices that are equal in every attribute joined, numbered as
+/// triangles first use them: however the triangles came here, their leaf has the same bytes.
+fn joined(mesh: &Mesh) -> Mesh {
+    let mut out = Mesh::default();
+    let mut index_of: HashMap<Vertex, u32> = HashMap::with_capacity(mesh.positions.len());
+    for t in &mesh.triangles {
+        let t = t.map(|v| {
+            let vertex = Vertex::of(mesh, v);
+            *index_of.entry(vertex).or_insert_with(|| vertex.push_to(&mut out))
+        });
+        out.triangles.push(t);
+    }
+    out
 }
 
 /// Parts of `mesh` below and above `plane` on `axis`; triangles in the plane go below.
@@ -208,7 +214,6 @@ mod tests {
     use std::collections::BTreeMap;
 
     use super::*;
-    use crate::progress::Silent;
     use proptest::prelude::*;
 
     /// A closed, coarse sphere of about `n²` triangles in a cube of `units`.
@@ -264,7 +269,7 @@ mod tests {
     fn leaves_of_a_closed_surface_close_it() {
         let lattice = Lattice::enclosing([0.0; 3], [4096.0; 3], 1.0);
         let model = sphere(60, 4096);
-        let leaves = cut_into_leaves(model.clone(), &lattice, 600, &Silent);
+        let leaves = cut_into_leaves(CellKey::ROOT, model.clone(), &lattice, 600);
         assert!(leaves.len() > 10);
         let mut edges: BTreeMap<([i32; 3], [i32; 3]), i32> = BTreeMap::new();
         let mut sum = [0i128; 3];

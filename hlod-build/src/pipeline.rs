@@ -1,23 +1,30 @@
 //! The build, as an outline: scan → lattice → leaves → hierarchy → file.
 
-use std::collections::HashMap;
-use std::io::{BufWriter, Write};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use hlod_compress::{
-    AttributeDeclaration, AttributeDomain, AttributeType, BlockRef, CellKey, FileWriter,
-    FormatError, Header, Mesh, RepresentationKind, SignedAxis, SourceFile,
+    AttributeDeclaration, AttributeDomain, AttributeType, BlockRef, CellKey, Header, SignedAxis,
 };
 use hlod_scan::ScanReport;
+use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::error::BuildError;
-use crate::hierarchy::{BuiltNode, build_hierarchy, inner_node_count};
-use crate::ingest::{Model, Precision, read_scan};
-use crate::output::{Aside, check_output};
-use crate::partition::cut_into_leaves;
+use crate::gate::Gate;
+use crate::hierarchy::{NODE_BYTES_A_TRIANGLE, Setting};
+use crate::ingest::Precision;
+use crate::output::check_output;
 use crate::progress::{Progress, Unit};
 use crate::resources::{Costs, Meter};
+use crate::steps::assemble::assemble;
+use crate::steps::ingest::{self, Account, ingest};
+use crate::steps::nodes::{build_subtree_step, build_upper_step};
+use crate::steps::scatter::{Subtree, scatter};
+use crate::steps::survey::{self, Survey, survey};
+use crate::steps::work_folder::{Identity, InputStamp, WorkFolder};
 
 /// What a build is asked for.
 #[derive(Debug, Clone)]
@@ -36,10 +43,16 @@ pub struct BuildOptions {
     pub front: SignedAxis,
     /// Whether an existing output is replaced.
     pub force: bool,
+    /// How much memory the build may use.
+    pub memory_bytes: u64,
+    /// Where it keeps what it has done until it is finished; beside the output where `None`.
+    pub work_folder: Option<PathBuf>,
+    /// Whether to go on with a build that was stopped.
+    pub resume: bool,
 }
 
 impl Default for BuildOptions {
-    /// R = 256 and T = 16,384, unit unknown, +y up, front towards +z.
+    /// R = 256 and T = 16,384, unit unknown, +y up, front towards +z; 4 GiB of memory.
     fn default() -> Self {
         BuildOptions {
             resolution: 256,
@@ -49,6 +62,9 @@ impl Default for BuildOptions {
             up: SignedAxis::PLUS_Y,
             front: SignedAxis::PLUS_Z,
             force: false,
+            memory_bytes: 4 << 30,
+            work_folder: None,
+            resume: false,
         }
     }
 }
@@ -95,43 +111,252 @@ pub fn build(
         return Err(BuildError::Usage("no input was given".into()));
     }
     check_output(inputs, output, options.force)?;
+    let memory = Memory::share(options, output)?;
     let mut meter = Meter::start();
+    let folder_path = options.work_folder.clone().unwrap_or_else(|| beside(output));
+    let folder = open_folder(&folder_path, inputs, options, progress)?;
+    let result = run_steps(&folder, inputs, output, options, &memory, &mut meter, progress);
+    match result {
+        Ok(built) => {
+            folder.remove()?;
+            Ok(built.report(output, meter.finish()))
+        }
+        Err(error) => {
+            // Nothing is left where nothing was done, or going on would end as this did.
+            if !folder.has_steps() || !error.is_passing() {
+                folder.remove()?;
+            }
+            Err(error)
+        }
+    }
+}
 
-    let scan = read_scan(inputs, progress)?;
+/// What the steps come to.
+struct Built {
+    account: Account,
+    survey: Survey,
+    header: Header,
+}
+
+/// The build: each step reads what those before have written.
+fn run_steps(
+    folder: &WorkFolder,
+    inputs: &[PathBuf],
+    output: &Path,
+    options: &BuildOptions,
+    memory: &Memory,
+    meter: &mut Meter,
+    progress: &dyn Progress,
+) -> Result<Built, BuildError> {
+    let account = ingest(folder, inputs, memory.join_bytes, progress)?;
     meter.finish_stage("read");
 
-    let triangles_input = scan.mesh.reports.iter().map(triangles_read).sum();
-    let (model, sources, reports) = scan.place_on_lattice(options.precision, &inputs[0])?;
-    let Model { lattice, mesh, precision, triangles_degenerate, closed_oriented } = model;
-    meter.finish_stage("lattice");
+    let (precision, full) = (options.precision, memory.subtree_triangles);
+    let survey = survey(folder, &account, precision, full, memory.join_bytes, progress)?;
+    folder.discard(&[ingest::VERTICES])?;
+    meter.finish_stage("survey");
 
-    let header = header(options, &mesh, lattice, sources, triangles_input);
-    progress.begin("partition", mesh.triangles.len() as u64, Unit::Triangles);
-    let leaves = cut_into_leaves(mesh, &lattice, options.leaf_triangles as usize, progress);
-    progress.end();
+    let subtrees = scatter(folder, &survey, account.triangles, full, memory.join_bytes, progress)?;
+    folder.discard(&[ingest::TRIANGLES, survey::PLACED])?;
     meter.finish_stage("partition");
 
-    progress.begin("simplify", inner_node_count(&leaves), Unit::Nodes);
-    let nodes = build_hierarchy(leaves, &lattice, options.resolution, closed_oriented, progress)
-        .map_err(BuildError::format(output))?;
+    let gate = Gate::new(memory.nodes_bytes);
+    let setting = Setting {
+        lattice: survey.lattice(),
+        resolution: options.resolution,
+        closed_oriented: survey.closed_oriented,
+        gate: &gate,
+        progress,
+    };
+    let leaf_triangles = options.leaf_triangles as usize;
+    progress.begin("simplify", subtrees.iter().map(|s| s.triangles).sum(), Unit::Triangles);
+    build_subtrees(folder, &subtrees, leaf_triangles, account.has_colours, &setting)?;
     progress.end();
     meter.finish_stage("simplify");
 
-    let written = write_file(output, header, nodes, progress)?;
-    meter.finish_stage("write");
+    let parts = build_upper_levels(folder, &subtrees, &setting)?;
+    meter.finish_stage("upper levels");
 
-    Ok(BuildReport {
-        output: output.to_owned(),
-        bytes_total: written.file_bytes,
-        triangles_input,
-        triangles_degenerate,
-        nodes: written.nodes,
-        precision_step: lattice.step,
-        precision,
-        closed_oriented,
-        costs: meter.finish(),
-        inputs: reports,
-    })
+    let header = header(options, &account, &survey);
+    let header = assemble(folder, &parts, header, output, progress)?;
+    meter.finish_stage("write");
+    Ok(Built { account, survey, header })
+}
+
+/// Subtrees, largest first, two at a time: while one has only its last nodes left, the other keeps
+/// the remaining threads busy.
+fn build_subtrees(
+    folder: &WorkFolder,
+    subtrees: &[Subtree],
+    leaf_triangles: usize,
+    has_colours: bool,
+    setting: &Setting<'_>,
+) -> Result<(), BuildError> {
+    let mut order: Vec<&Subtree> = subtrees.iter().collect();
+    order.sort_by_key(|s| (std::cmp::Reverse(s.triangles), s.cell()));
+    let next = AtomicUsize::new(0);
+    let failure = Mutex::new(None);
+    let is_failed = || failure.lock().is_ok_and(|failure| failure.is_some());
+    let work = || {
+        while let Some(subtree) = order.get(next.fetch_add(1, Ordering::Relaxed)) {
+            if is_failed() {
+                break;
+            }
+            let done = folder.check_stop(setting.progress).and_then(|()| {
+                build_subtree_step(folder, subtree, leaf_triangles, has_colours, setting)
+            });
+            if let (Err(error), Ok(mut failure)) = (done, failure.lock()) {
+                failure.get_or_insert(error);
+            }
+        }
+    };
+    rayon::scope(|scope| {
+        for _ in 0..SUBTREES_AT_A_TIME {
+            scope.spawn(|_| work());
+        }
+    });
+    failure.into_inner().ok().flatten().map_or(Ok(()), Err)
+}
+
+const SUBTREES_AT_A_TIME: usize = 2;
+
+/// The nodes above the subtrees, depth by depth; gives the topmost cells of all parts.
+fn build_upper_levels(
+    folder: &WorkFolder,
+    subtrees: &[Subtree],
+    setting: &Setting<'_>,
+) -> Result<Vec<CellKey>, BuildError> {
+    let mut parts: BTreeSet<CellKey> = subtrees.iter().map(Subtree::cell).collect();
+    let mut upper = BTreeSet::new();
+    for &cell in &parts {
+        let mut above = cell.parent();
+        while let Some(cell) = above.filter(|&cell| upper.insert(cell)) {
+            above = cell.parent();
+        }
+    }
+    let progress = setting.progress;
+    progress.begin("upper levels", upper.len() as u64, Unit::Nodes);
+    let deepest = upper.iter().map(|cell| cell.depth()).max();
+    for depth in (0..=deepest.unwrap_or(0)).rev() {
+        let cells: Vec<CellKey> = upper.iter().copied().filter(|c| c.depth() == depth).collect();
+        cells.par_iter().try_for_each(|&cell| {
+            let below = parts.iter().copied().filter(|part| {
+                let parent = part.parent();
+                parent == Some(cell) || parent.and_then(CellKey::parent) == Some(cell)
+            });
+            let below: Vec<CellKey> = below.collect();
+            let done = build_upper_step(folder, cell, &below, setting);
+            progress.advance(1);
+            done
+        })?;
+        parts.extend(cells);
+    }
+    progress.end();
+    Ok(parts.into_iter().collect())
+}
+
+/// How the memory allowed is used.
+struct Memory {
+    /// For bringing triangles and vertices together.
+    join_bytes: usize,
+    /// Triangles of a subtree.
+    subtree_triangles: u64,
+    /// For the nodes being simplified at a time.
+    nodes_bytes: u64,
+}
+
+impl Memory {
+    /// The program, its threads' stacks and what the allocator keeps.
+    const FIXED_BYTES: u64 = 48 << 20;
+    /// A subtree's triangles while they are cut into leaves, and its leaves and pages afterwards.
+    const SUBTREE_BYTES_A_TRIANGLE: u64 = 200;
+    /// More would only make progress coarser and leave threads idle at the end.
+    const SUBTREE_TRIANGLES_MAX: u64 = 1_000_000;
+    /// A cell as full as this is surely split, however its triangles are cut.
+    const SUBTREE_LEAVES_MIN: u64 = 8;
+    /// As many full leaves as a node usually gathers.
+    const NODE_LEAVES: u64 = 16;
+
+    fn share(options: &BuildOptions, output: &Path) -> Result<Memory, BuildError> {
+        let all = options.memory_bytes;
+        let leaf = u64::from(options.leaf_triangles);
+        let at_a_time = SUBTREES_AT_A_TIME as u64 * Self::SUBTREE_BYTES_A_TRIANGLE;
+        let subtree_triangles = (all / 8 / at_a_time)
+            .min(Self::SUBTREE_TRIANGLES_MAX)
+            .max(Self::SUBTREE_LEAVES_MIN * leaf);
+        let taken = Self::FIXED_BYTES + subtree_triangles * at_a_time;
+        let node = Self::NODE_LEAVES * leaf * NODE_BYTES_A_TRIANGLE;
+        if all < taken + node {
+            return Err(BuildError::Memory {
+                path: output.to_owned(),
+                why: "leaves of so many triangles have to be simplified together",
+                needed_bytes: taken + node,
+                budget_bytes: all,
+            });
+        }
+        Ok(Memory {
+            join_bytes: usize::try_from((all - Self::FIXED_BYTES) / 2).unwrap_or(usize::MAX),
+            subtree_triangles,
+            nodes_bytes: all - taken,
+        })
+    }
+}
+
+/// The work folder's usual place.
+fn beside(output: &Path) -> PathBuf {
+    let mut name = output.as_os_str().to_owned();
+    name.push(".work");
+    name.into()
+}
+
+fn open_folder(
+    path: &Path,
+    inputs: &[PathBuf],
+    options: &BuildOptions,
+    progress: &dyn Progress,
+) -> Result<WorkFolder, BuildError> {
+    let identity = Identity {
+        program: format!("hlod-build {}", env!("CARGO_PKG_VERSION")),
+        options: serde_json::json!({
+            "resolution": options.resolution,
+            "leaf_triangles": options.leaf_triangles,
+            "precision": options.precision,
+        }),
+        inputs: inputs.iter().map(|input| InputStamp::of(input)).collect::<Result<_, _>>()?,
+    };
+    if !options.resume {
+        return WorkFolder::start(path, &identity);
+    }
+    let mut folder = WorkFolder::resume(path, &identity, &mut |remark| progress.remark(&remark))?;
+    // Steps whose files were removed because a later one had used them, which now has to be done
+    // again.
+    let gone = |step: &str, files: &[&str]| {
+        !folder.is_done(step) && files.iter().any(|file| folder.is_discarded(file))
+    };
+    if gone("survey", &[ingest::VERTICES]) || gone("scatter", &[ingest::TRIANGLES, survey::PLACED])
+    {
+        progress.remark("what it was made from is gone: the build begins again");
+        folder.begin_again()?;
+    }
+    Ok(folder)
+}
+
+impl Built {
+    fn report(self, output: &Path, costs: Costs) -> BuildReport {
+        let Built { account, survey, header } = self;
+        BuildReport {
+            output: output.to_owned(),
+            bytes_total: header.file_bytes,
+            triangles_input: header.triangles_input,
+            triangles_degenerate: survey.triangles_degenerate,
+            nodes: header.nodes,
+            precision_step: survey.step,
+            precision: survey.precision,
+            closed_oriented: survey.closed_oriented,
+            costs,
+            inputs: account.reports,
+        }
+    }
 }
 
 /// Triangles as the input counts them: faces that the reader already left out included.
@@ -139,31 +364,24 @@ fn triangles_read(report: &ScanReport) -> u64 {
     report.triangles + report.degenerate_faces
 }
 
-fn header(
-    options: &BuildOptions,
-    mesh: &Mesh,
-    lattice: hlod_compress::Lattice,
-    sources: Vec<SourceFile>,
-    triangles_input: u64,
-) -> Header {
+fn header(options: &BuildOptions, account: &Account, survey: &Survey) -> Header {
     let attribute = |name: &str, kind| AttributeDeclaration {
         name: name.into(),
         kind,
         domain: AttributeDomain::Vertex,
     };
     let mut attributes = vec![attribute("normal", AttributeType::OctNormal)];
-    if mesh.has_colours() {
+    if account.has_colours {
         attributes.push(attribute("colour", AttributeType::Srgba8));
     }
-    let (lo, hi) = mesh.bounds().unwrap_or_default();
     Header {
         unit: options.unit,
         up: options.up,
         front: options.front,
-        lattice,
-        bounds: [lo, hi],
-        sources,
-        triangles_input,
+        lattice: survey.lattice(),
+        bounds: survey.bounds,
+        sources: account.sources.iter().map(ingest::Source::to_source_file).collect(),
+        triangles_input: account.reports.iter().map(triangles_read).sum(),
         resolution: options.resolution,
         leaf_triangles: options.leaf_triangles,
         attributes,
@@ -174,38 +392,4 @@ fn header(
         front_bytes: 0,
         file_bytes: 0,
     }
-}
-
-/// Lays the file out and writes it aside; it takes its name only when it is on disk.
-fn write_file(
-    output: &Path,
-    header: Header,
-    nodes: Vec<BuiltNode>,
-    progress: &dyn Progress,
-) -> Result<Header, BuildError> {
-    let mut records = Vec::with_capacity(nodes.len());
-    let mut pages: HashMap<(CellKey, RepresentationKind), Vec<u8>> = HashMap::new();
-    for node in nodes {
-        for (representation, page) in node.record.representations.iter().zip(node.pages) {
-            pages.insert((node.record.cell, representation.kind), page);
-        }
-        records.push(node.record);
-    }
-    let writer = FileWriter::new(header, records).map_err(BuildError::format(output))?;
-    progress.begin("write", writer.header().file_bytes, Unit::Bytes);
-
-    let aside = Aside::create(output)?;
-    let mut out = BufWriter::with_capacity(1 << 20, aside.file());
-    writer
-        .write(&mut out, |cell, kind| {
-            let page = pages.remove(&(cell, kind)).unwrap_or_default();
-            progress.advance(page.len() as u64);
-            Ok::<_, FormatError>(page)
-        })
-        .map_err(BuildError::format(output))?;
-    out.flush().map_err(BuildError::io(output, "write"))?;
-    drop(out);
-    aside.commit(output)?;
-    progress.end();
-    Ok(writer.header().clone())
 }

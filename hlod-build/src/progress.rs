@@ -8,6 +8,12 @@ pub trait Progress: Sync {
     fn advance(&self, count: u64);
     /// The current stage is complete.
     fn end(&self);
+    /// Something worth knowing that is no error.
+    fn remark(&self, _text: &str) {}
+    /// Whether the work is to stop at the next place from which it can go on later.
+    fn is_stopped(&self) -> bool {
+        false
+    }
 }
 
 /// What a stage counts.

@@ -31,19 +31,20 @@ const PASSES: u32 = 4;
 const TOGETHER: f64 = 1.5;
 const TOGETHER_SHARE: f64 = 0.25;
 
-/// Closes seams narrower than `width` (lattice steps) inside the cell. Borders on the cell's own
-/// faces stay as they are.
-pub(crate) fn close_seams(source: &mut Source, width: f64, cube: &Cube) {
+/// Closes seams narrower than `width` inside the cell, as far as no triangle comes to carry more
+/// than `limit` (both in lattice steps). Borders on the cell's own faces stay as they are.
+pub(crate) fn close_seams(source: &mut Source, width: f64, limit: f64, cube: &Cube) {
     for pass in 0..PASSES {
         let seams = Seams::of(&source.mesh, cube);
-        if seams.0.edges.is_empty() {
+        if seams.borders.edges.is_empty() {
             return;
         }
         let near = seams.near_pairs(&source.mesh, width);
         let changed = if pass == 0 {
-            merge_vertices(source, &seams, &near, width) | split_edges(source, &seams, &near)
+            merge_vertices(source, &seams, &near, width, limit)
+                | split_edges(source, &seams, &near, limit)
         } else {
-            split_edges(source, &seams, &near)
+            split_edges(source, &seams, &near, limit)
         };
         if !changed {
             return;
@@ -65,19 +66,42 @@ struct Near {
     distance: f64,
 }
 
-/// The open edges inside a cell.
-struct Seams(Borders);
+/// The open edges of a cell on faces between the pieces that it is gathered from.
+struct Seams {
+    borders: Borders,
+    /// On which such face each position is, along each axis: a count of quarters of the cell's edge,
+    /// or [`NO_FACE`].
+    faces: Vec<[u8; 3]>,
+}
+
+const NO_FACE: u8 = u8::MAX;
 
 impl Seams {
     fn of(mesh: &Mesh, cube: &Cube) -> Seams {
         let mut borders = Borders::of(mesh, cube);
-        let faces = std::mem::take(&mut borders.faces);
-        borders.edges.retain(|e| faces[e.ends[0] as usize] & faces[e.ends[1] as usize] == 0);
-        Seams(Borders { faces, ..borders })
+        // Pieces are children and grandchildren; lattices end above where those do.
+        let quarter = (cube.units / 4).max(1);
+        let face_of = |p: &[i32; 3]| {
+            std::array::from_fn(|i| {
+                let offset = p[i].abs_diff(cube.min[i]);
+                let inside = offset > 0 && offset < cube.units;
+                if inside && offset.is_multiple_of(quarter) {
+                    (offset / quarter) as u8
+                } else {
+                    NO_FACE
+                }
+            })
+        };
+        let faces: Vec<[u8; 3]> = borders.positions.iter().map(face_of).collect();
+        borders.edges.retain(|e| {
+            let [a, b] = e.ends.map(|p| faces[p as usize]);
+            share_a_face(a, b)
+        });
+        Seams { borders, faces }
     }
 
     fn at(&self, position: u32) -> DVec3 {
-        DVec3::from_array(self.0.positions[position as usize].map(f64::from))
+        DVec3::from_array(self.borders.positions[position as usize].map(f64::from))
     }
 
     /// Every vertex of an open edge with every other open edge that is nearer than `width`, runs
@@ -86,11 +110,12 @@ impl Seams {
         // Pieces of edges in a grid whose cells are as wide as an edge is long, so that a piece is
         // in few of them.
         let length = |e: &OpenEdge| self.at(e.ends[0]).distance(self.at(e.ends[1]));
-        let mean = self.0.edges.iter().map(length).sum::<f64>() / self.0.edges.len() as f64;
+        let mean =
+            self.borders.edges.iter().map(length).sum::<f64>() / self.borders.edges.len() as f64;
         let spacing = mean.max(2.0 * width).max(1.0);
         let key = |p: DVec3| (p / spacing).floor().as_i64vec3();
         let mut grid: HashMap<glam::I64Vec3, Vec<u32>> = HashMap::new();
-        for (i, edge) in self.0.edges.iter().enumerate() {
+        for (i, edge) in self.borders.edges.iter().enumerate() {
             let [a, b] = edge.ends.map(|p| self.at(p));
             let pieces = (a.distance(b) / spacing).ceil().max(1.0);
             for piece in 0..pieces as u64 {
@@ -112,17 +137,23 @@ impl Seams {
         }
         let normal = |v: u32| Vec3::from_array(mesh.normals[v as usize].decode());
         let mut out = Vec::new();
-        for own in &self.0.edges {
+        for own in &self.borders.edges {
             let corners = mesh.triangles[own.triangle as usize];
             let direction = self.at(own.ends[1]) - self.at(own.ends[0]);
             for end in 0..2 {
                 let (position, vertex) = (own.ends[end], corners[(usize::from(own.k) + end) % 3]);
                 let p = self.at(position);
                 for &i in grid.get(&key(p)).into_iter().flatten() {
-                    let edge = &self.0.edges[i as usize];
+                    let edge = &self.borders.edges[i as usize];
                     let [a, b] = edge.ends.map(|p| self.at(p));
                     let triangle = mesh.triangles[edge.triangle as usize];
-                    if triangle.iter().any(|&v| self.0.position_of[v as usize] == position)
+                    let on_it = edge.ends.iter().all(|&end| {
+                        share_a_face(self.faces[end as usize], self.faces[position as usize])
+                    });
+                    if !on_it
+                        || triangle
+                            .iter()
+                            .any(|&v| self.borders.position_of[v as usize] == position)
                         || (b - a).dot(direction) >= 0.0
                     {
                         continue;
@@ -149,23 +180,37 @@ impl Seams {
     }
 }
 
+fn share_a_face(a: [u8; 3], b: [u8; 3]) -> bool {
+    (0..3).any(|i| a[i] != NO_FACE && a[i] == b[i])
+}
+
 /// Merges positions that lie together; says whether there were any.
-fn merge_vertices(source: &mut Source, seams: &Seams, near: &[Near], width: f64) -> bool {
+fn merge_vertices(
+    source: &mut Source,
+    seams: &Seams,
+    near: &[Near],
+    width: f64,
+    limit: f64,
+) -> bool {
     // Of two, the one stays that is less wrong; leaves' are not wrong at all.
-    let mut wrong = vec![0.0f64; seams.0.positions.len()];
+    let mut wrong = vec![0.0f64; seams.borders.positions.len()];
     for (triangle, carried) in source.mesh.triangles.iter().zip(&source.carried) {
         for &v in triangle {
-            let at = &mut wrong[seams.0.position_of[v as usize] as usize];
+            let at = &mut wrong[seams.borders.position_of[v as usize] as usize];
             *at = at.max(carried.forward.distance).max(carried.backward.distance);
         }
     }
     let mut pairs: Vec<(f64, u32, u32)> = Vec::new();
     for n in near {
-        for end in seams.0.edges[n.edge as usize].ends {
+        for end in seams.borders.edges[n.edge as usize].ends {
             let apart = seams.at(n.position).distance(seams.at(end));
             let together = apart <= width
                 && (apart <= TOGETHER * n.distance || apart <= TOGETHER_SHARE * width);
-            if together && seams.0.faces[end as usize] == seams.0.faces[n.position as usize] {
+            // What is where faces meet stays there: the seams of several pieces end in it.
+            if together
+                && seams.faces[end as usize] == seams.faces[n.position as usize]
+                && seams.borders.faces[end as usize] == seams.borders.faces[n.position as usize]
+            {
                 let mut pair = [n.position, end];
                 pair.sort_by(|&x, &y| {
                     wrong[x as usize].total_cmp(&wrong[y as usize]).then(x.cmp(&y))
@@ -176,11 +221,12 @@ fn merge_vertices(source: &mut Source, seams: &Seams, near: &[Near], width: f64)
     }
     pairs.sort_by(|x, y| x.0.total_cmp(&y.0).then((x.1, x.2).cmp(&(y.1, y.2))));
     // A position moves once, to one that does not move.
-    let mut moved_to: Vec<u32> = (0..seams.0.positions.len() as u32).collect();
-    let mut stays = vec![false; seams.0.positions.len()];
+    let mut moved_to: Vec<u32> = (0..seams.borders.positions.len() as u32).collect();
+    let mut stays = vec![false; seams.borders.positions.len()];
     for (_, keep, moved) in pairs {
         let keep = moved_to[keep as usize];
-        let near = seams.at(keep).distance(seams.at(moved)) <= width;
+        let apart = seams.at(keep).distance(seams.at(moved));
+        let near = apart <= width && wrong[moved as usize] + apart <= limit;
         if moved_to[moved as usize] == moved && !stays[moved as usize] && keep != moved && near {
             moved_to[moved as usize] = keep;
             stays[keep as usize] = true;
@@ -188,7 +234,7 @@ fn merge_vertices(source: &mut Source, seams: &Seams, near: &[Near], width: f64)
     }
     // No triangle may lose its area.
     for triangle in &source.mesh.triangles {
-        let at = triangle.map(|v| seams.0.position_of[v as usize]);
+        let at = triangle.map(|v| seams.borders.position_of[v as usize]);
         let to = at.map(|p| moved_to[p as usize]);
         if to[0] == to[1] || to[1] == to[2] || to[2] == to[0] {
             at.iter().for_each(|&p| moved_to[p as usize] = p);
@@ -197,30 +243,32 @@ fn merge_vertices(source: &mut Source, seams: &Seams, near: &[Near], width: f64)
     let mut changed = false;
     for (triangle, carried) in source.mesh.triangles.iter().zip(&mut source.carried) {
         let apart = |p: u32| seams.at(p).distance(seams.at(moved_to[p as usize]));
-        let moved =
-            triangle.iter().map(|&v| apart(seams.0.position_of[v as usize])).fold(0.0, f64::max);
+        let moved = triangle
+            .iter()
+            .map(|&v| apart(seams.borders.position_of[v as usize]))
+            .fold(0.0, f64::max);
         if moved > 0.0 {
             add(carried, Deviation { distance: moved * ROUNDED_UP, angle: 0.0 });
             changed = true;
         }
     }
     for (v, position) in source.mesh.positions.iter_mut().enumerate() {
-        let to = moved_to[seams.0.position_of[v] as usize];
-        *position = seams.0.positions[to as usize];
+        let to = moved_to[seams.borders.position_of[v] as usize];
+        *position = seams.borders.positions[to as usize];
     }
     changed
 }
 
 /// Puts each vertex into the nearest edge that it lies beside; says whether there were any.
-fn split_edges(source: &mut Source, seams: &Seams, near: &[Near]) -> bool {
+fn split_edges(source: &mut Source, seams: &Seams, near: &[Near], limit: f64) -> bool {
     // Where vertices have moved, the edges and distances are no longer these.
     let as_before = |position: u32, vertex: u32, mesh: &Mesh| {
-        mesh.positions[vertex as usize] == seams.0.positions[position as usize]
+        mesh.positions[vertex as usize] == seams.borders.positions[position as usize]
     };
     let mut into: Vec<(u32, Near)> = Vec::new();
     let mut last = u32::MAX;
     for n in near.iter().filter(|n| n.along > 0.0 && n.along < 1.0) {
-        let edge = &seams.0.edges[n.edge as usize];
+        let edge = &seams.borders.edges[n.edge as usize];
         let corners = source.mesh.triangles[edge.triangle as usize];
         let k = usize::from(edge.k);
         let still = as_before(n.position, n.vertex, &source.mesh)
@@ -240,16 +288,21 @@ fn split_edges(source: &mut Source, seams: &Seams, near: &[Near]) -> bool {
     });
     let mut changed = false;
     for of_triangle in into.chunk_by(|x, y| x.0 == y.0) {
-        let edge = seams.0.edges[of_triangle[0].1.edge as usize];
+        let edge = seams.borders.edges[of_triangle[0].1.edge as usize];
         let on_edge =
             of_triangle.iter().map(|(_, n)| *n).take_while(|n| n.edge == of_triangle[0].1.edge);
-        changed |= split(source, &edge, on_edge);
+        changed |= split(source, &edge, on_edge, limit);
     }
     changed
 }
 
 /// Replaces a triangle by a fan of as many as its edge gets pieces.
-fn split(source: &mut Source, edge: &OpenEdge, inserted: impl Iterator<Item = Near>) -> bool {
+fn split(
+    source: &mut Source,
+    edge: &OpenEdge,
+    inserted: impl Iterator<Item = Near>,
+    limit: f64,
+) -> bool {
     let t = edge.triangle as usize;
     let (mesh, k) = (&mut source.mesh, usize::from(edge.k));
     let corners = mesh.triangles[t];
@@ -259,7 +312,9 @@ fn split(source: &mut Source, edge: &OpenEdge, inserted: impl Iterator<Item = Ne
     let facing = (at(mesh, b) - at(mesh, a)).cross(at(mesh, apex) - at(mesh, a));
     let mut chain = vec![a];
     let mut deviation = Deviation::default();
-    for n in inserted {
+    let Carried { forward, backward } = source.carried[t];
+    let left = limit - forward.distance.max(backward.distance);
+    for n in inserted.filter(|n| n.distance <= left) {
         let last = chain[chain.len() - 1];
         // A piece that turned over, or had no area, would not close anything.
         let p = at(mesh, n.vertex);
@@ -309,7 +364,7 @@ fn add(carried: &mut Carried, more: Deviation) {
 mod tests {
     use super::*;
 
-    const CUBE: Cube = Cube { min: [0; 3], units: 1 << 16 };
+    const CUBE: Cube = Cube { min: [0; 3], units: 4000 };
 
     /// A sheet from x = `from` to `to`, whose border at `to` (or `from`, when turned) is a chain of
     /// points (y, z).
@@ -360,7 +415,7 @@ mod tests {
         let fine = strip([1000, 2000], &[[0, 100], [700, 103], [1500, 98], [2000, 100]], true);
         let mut source = together([coarse, fine]);
         assert_eq!(open(&source), 4);
-        close_seams(&mut source, 5.0, &CUBE);
+        close_seams(&mut source, 5.0, 100.0, &CUBE);
         assert_eq!(open(&source), 0);
         assert_eq!(source.mesh.triangles.len(), 6);
         // The coarse triangle was bent by three steps, the fine ones not at all.
@@ -368,12 +423,28 @@ mod tests {
         assert!(source.carried[1..4].iter().all(|c| *c == Carried::default()));
     }
 
+    /// Where triangles carry too much already, the seam stays open.
+    #[test]
+    fn nothing_comes_to_carry_more_than_the_limit() {
+        let coarse = strip([0, 1000], &[[0, 100], [2000, 100]], false);
+        let fine = strip([1000, 2000], &[[0, 104], [700, 103], [2000, 100]], true);
+        let mut source = together([coarse, fine]);
+        for carried in &mut source.carried {
+            carried.forward.distance = 8.0;
+        }
+        for limit in [9.0, 11.5, 16.0] {
+            close_seams(&mut source, 10.0, limit, &CUBE);
+            assert!(worst(&source) <= limit + 1e-6, "{} over {limit}", worst(&source));
+        }
+        assert_eq!(open(&source), 0);
+    }
+
     #[test]
     fn vertices_that_lie_together_become_one() {
         let one = strip([0, 1000], &[[0, 100], [900, 110], [2000, 100]], false);
         let other = strip([1000, 2000], &[[0, 104], [902, 107], [2000, 100]], true);
         let mut source = together([one, other]);
-        close_seams(&mut source, 10.0, &CUBE);
+        close_seams(&mut source, 10.0, 100.0, &CUBE);
         assert_eq!(open(&source), 0);
         assert_eq!(source.mesh.triangles.len(), 4);
         assert!((worst(&source) - 4.0).abs() < 1e-6, "{}", worst(&source));
@@ -384,14 +455,14 @@ mod tests {
         let one = || strip([0, 1000], &[[0, 100], [2000, 100]], false);
         let lower = strip([1000, 2000], &[[0, 80], [1000, 80], [2000, 80]], true);
         let mut source = together([one(), lower]);
-        close_seams(&mut source, 15.0, &CUBE);
+        close_seams(&mut source, 15.0, 100.0, &CUBE);
         assert_eq!((open(&source), worst(&source)), (3, 0.0));
         // The other face of a thin wall: it ends here, too, but runs the same way.
         let mut back = strip([0, 1000], &[[0, 98], [1000, 98], [2000, 98]], false);
         back.normals.fill(OctNormal::encode([0.0, 0.0, -1.0]));
         back.triangles.iter_mut().for_each(|t| t.reverse());
         let mut source = together([one(), back]);
-        close_seams(&mut source, 15.0, &CUBE);
+        close_seams(&mut source, 15.0, 100.0, &CUBE);
         assert_eq!((open(&source), worst(&source)), (3, 0.0));
     }
 
@@ -402,7 +473,7 @@ mod tests {
         let fine = strip([1000, 2000], &[[0, 100], [700, 103], [2000, 100]], true);
         let mut source = together([coarse, fine]);
         let before = source.mesh.clone();
-        close_seams(&mut source, 5.0, &Cube { min: [1000, 0, 0], units: 1 << 15 });
+        close_seams(&mut source, 5.0, 100.0, &Cube { min: [1000, 0, 0], units: 4000 });
         assert_eq!(source.mesh, before);
     }
 }

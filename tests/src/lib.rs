@@ -42,6 +42,21 @@ pub fn gpu() -> Gpu {
     Gpu::headless(AdapterChoice::Software).expect("tests draw with the software adapter")
 }
 
+/// A program of this workspace, built beside the tests.
+///
+/// # Panics
+/// When it was not.
+pub fn program(name: &str) -> std::process::Command {
+    let mut folder = std::env::current_exe().expect("a test is a file");
+    folder.pop();
+    if folder.ends_with("deps") {
+        folder.pop();
+    }
+    let path = folder.join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
+    assert!(path.exists(), "{} is missing: run `cargo build --workspace` first", path.display());
+    std::process::Command::new(path)
+}
+
 /// Builds a file, with the options changed by `change`.
 ///
 /// # Panics

@@ -42,17 +42,25 @@ fn a_ball_is_built_verified_and_exported() {
 }
 
 #[test]
-fn the_same_input_gives_the_same_bytes_whatever_the_threads() {
+fn the_same_input_gives_the_same_bytes_whatever_threads_and_memory() {
     let folder = tempfile::tempdir().unwrap();
     let ply = folder.path().join("ball.ply");
-    std::fs::write(&ply, bumpy_ball(90)).unwrap();
-    let bytes = |threads: usize| {
-        let out = folder.path().join(format!("{threads}.hlod"));
+    std::fs::write(&ply, bumpy_ball(160)).unwrap();
+    let bytes = |threads: usize, memory_mib: u64| {
+        let out = folder.path().join(format!("{threads}-{memory_mib}.hlod"));
         let pool = rayon_pool(threads);
-        pool.install(|| built(&ply, &out, |o| o.leaf_triangles = 1000));
+        pool.install(|| {
+            built(&ply, &out, |o| {
+                o.leaf_triangles = 500;
+                o.memory_bytes = memory_mib << 20;
+            })
+        });
         std::fs::read(out).unwrap()
     };
-    assert!(bytes(1) == bytes(3), "one thread and three write different files");
+    let first = bytes(1, 4096);
+    assert!(first == bytes(3, 4096), "one thread and three write different files");
+    // In little memory the model is cut into several subtrees.
+    assert!(first == bytes(2, 80), "more and less memory write different files");
 }
 
 fn rayon_pool(threads: usize) -> rayon::ThreadPool {

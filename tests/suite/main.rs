@@ -4,3 +4,4 @@ mod build;
 mod documents;
 mod pictures;
 mod programs;
+mod restart;

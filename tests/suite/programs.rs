@@ -4,19 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use hlod_tests::bumpy_ball;
-
-/// A program of this workspace, built beside the tests.
-fn program(name: &str) -> Command {
-    let mut folder = std::env::current_exe().unwrap();
-    folder.pop();
-    if folder.ends_with("deps") {
-        folder.pop();
-    }
-    let path = folder.join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
-    assert!(path.exists(), "{} is missing: run `cargo build --workspace` first", path.display());
-    Command::new(path)
-}
+use hlod_tests::{bumpy_ball, program};
 
 fn build(input: &Path, output: &Path) -> Output {
     program("hlod-build").arg("build").arg(input).arg("-o").arg(output).output().unwrap()

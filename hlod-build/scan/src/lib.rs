@@ -34,10 +34,10 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 pub use error::{Place, ScanError, Spot};
-pub use mesh::{ScanMesh, Weld, angle_weighted_normals, load, weld_exact};
+pub use mesh::{NormalSum, ScanMesh, Weld, angle_weighted_normals, load, weld_exact};
 pub use report::ScanReport;
 
 use input::Input;
@@ -76,7 +76,7 @@ pub struct TriangleBatch {
 }
 
 /// A format read here.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum ScanFormat {

@@ -120,7 +120,7 @@ fn append(
 }
 
 /// Welds the vertices from `first_vertex` on; their triangles still count from there.
-/// Merged vertices take the mean of their normals and the first one's colour.
+/// Merged vertices take the first one's colour.
 fn weld_soup(
     mesh: &mut ScanMesh,
     first_vertex: usize,
@@ -130,15 +130,12 @@ fn weld_soup(
     let weld = weld_exact(&mesh.positions[first_vertex..]);
     report.vertices_welded = (weld.new_from_old.len() - weld.old_from_new.len()) as u64;
 
-    let mut sums = vec![DVec3::ZERO; weld.old_from_new.len()];
-    for (old, new) in weld.new_from_old.iter().enumerate() {
-        sums[*new as usize] += mesh.normals[first_vertex + old].as_dvec3();
-    }
     // A kept vertex never moves up, so that nothing is overwritten before it is read.
     for (new, old) in weld.old_from_new.iter().enumerate() {
         let (new, old) = (first_vertex + new, first_vertex + *old as usize);
         mesh.positions[new] = mesh.positions[old];
-        mesh.normals[new] = sums[new - first_vertex].normalize_or_zero().as_vec3();
+        // Facets' normals say nothing that positions do not: better ones are computed.
+        mesh.normals[new] = Vec3::ZERO;
         if !mesh.colours.is_empty() {
             mesh.colours[new] = mesh.colours[old];
         }
@@ -221,23 +218,50 @@ fn complete_normals(mesh: &mut ScanMesh) {
 ///
 /// If a triangle names a vertex that is not there.
 pub fn angle_weighted_normals(positions: &[DVec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
-    let mut sums = vec![DVec3::ZERO; positions.len()];
+    let mut sums = vec![NormalSum::default(); positions.len()];
     for triangle in triangles {
-        let [a, b, c] = triangle.map(|index| positions[index as usize]);
+        let added = NormalSum::of_corners(triangle.map(|index| positions[index as usize]));
+        for corner in 0..3 {
+            sums[triangle[corner] as usize].add(added[corner]);
+        }
+    }
+    sums.into_iter().map(|sum| sum.normal()).collect()
+}
+
+/// A sum of weighted normals in steps of 2⁻⁴⁰: the order in which they are added does not matter.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct NormalSum(pub [i64; 3]);
+
+impl NormalSum {
+    const SCALE: f64 = (1u64 << 40) as f64;
+
+    /// What a triangle adds at each of its corners; nothing where it has no area.
+    pub fn of_corners([a, b, c]: [DVec3; 3]) -> [NormalSum; 3] {
         let directions = [direction(b - a), direction(c - b), direction(a - c)];
         let normal = directions[0].cross(directions[1]).normalize_or_zero();
-        if normal == DVec3::ZERO {
-            continue;
-        }
-        for corner in 0..3 {
+        std::array::from_fn(|corner| {
+            if normal == DVec3::ZERO {
+                return NormalSum::default();
+            }
             let (to_next, from_last) = (directions[corner], directions[(corner + 2) % 3]);
             // atan2 stays exact for slivers, where acos of the cosine does not.
             let sine = to_next.cross(from_last).length();
             let angle = sine.atan2(-to_next.dot(from_last));
-            sums[triangle[corner] as usize] += normal * angle;
+            NormalSum((normal * (angle * Self::SCALE)).to_array().map(|x| x.round() as i64))
+        })
+    }
+
+    /// Adds another sum; wraps round, so that no input can stop a build.
+    pub fn add(&mut self, other: NormalSum) {
+        for (a, b) in self.0.iter_mut().zip(other.0) {
+            *a = a.wrapping_add(b);
         }
     }
-    sums.into_iter().map(|sum| sum.try_normalize().unwrap_or(DVec3::Z).as_vec3()).collect()
+
+    /// The unit normal; +z where there is none.
+    pub fn normal(&self) -> Vec3 {
+        DVec3::from_array(self.0.map(|x| x as f64)).try_normalize().unwrap_or(DVec3::Z).as_vec3()
+    }
 }
 
 /// Unit vector, zero for zero; its squares neither overflow nor underflow.

@@ -75,6 +75,15 @@ pub struct BuildArgs {
     /// quantised, else a sixteenth of its short edges].
     #[arg(long, value_parser = positive)]
     pub precision: Option<f64>,
+    /// Memory the build may use, as in 512MiB or 4GiB; what does not fit goes to the work folder.
+    #[arg(long, default_value = "4GiB", value_parser = byte_count)]
+    pub memory: u64,
+    /// Where to keep what is done until the build is finished [default: OUTPUT.work].
+    #[arg(long, value_name = "DIR")]
+    pub work_dir: Option<PathBuf>,
+    /// Go on with a build that was stopped.
+    #[arg(long)]
+    pub resume: bool,
     /// Worker threads [default: one a core].
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
     pub threads: Option<u16>,
@@ -104,6 +113,26 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A number of bytes with a unit.
+fn byte_count(text: &str) -> Result<u64, String> {
+    let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let unit: u64 = match &text[digits.len()..] {
+        "KiB" => 1 << 10,
+        "MiB" => 1 << 20,
+        "GiB" => 1 << 30,
+        "kB" | "KB" => 1_000,
+        "MB" => 1_000_000,
+        "GB" => 1_000_000_000,
+        _ => return Err("expected a number with a unit, as in 512MiB or 4GiB".into()),
+    };
+    match digits.trim_end().parse::<f64>() {
+        Ok(count) if count > 0.0 && count * (unit as f64) < 1e15 => {
+            Ok((count * unit as f64) as u64)
+        }
+        _ => Err("expected a positive number before the unit".into()),
+    }
+}
+
 impl BuildArgs {
     pub fn options(&self) -> Result<BuildOptions, String> {
         let z_up = self.up.axis == 2;
@@ -120,6 +149,9 @@ impl BuildArgs {
             up: self.up,
             front,
             force: self.force,
+            memory_bytes: self.memory,
+            work_folder: self.work_dir.clone(),
+            resume: self.resume,
         })
     }
 }

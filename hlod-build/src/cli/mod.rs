@@ -83,6 +83,9 @@ fn run_build(args: &BuildArgs, progress: &Bars, quiet: bool) -> Outcome {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads));
         pool.build_global().map_err(|e| Failure::Work(format!("cannot start threads: {e}")))?;
     }
+    progress
+        .stop_on_interrupt()
+        .map_err(|e| Failure::Work(format!("cannot listen for Ctrl-C: {e}")))?;
     let report = build(&args.input, &args.output, &options, progress)?;
     if let Some(path) = &args.report {
         write_json(path, &report)?;

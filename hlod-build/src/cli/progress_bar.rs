@@ -1,6 +1,7 @@
 //! Progress on a terminal.
 
-use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use hlod_build::progress::{Progress, Unit};
@@ -9,12 +10,29 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 /// One bar a stage on stderr; nothing where stderr is not a terminal.
 pub struct Bars {
     visible: bool,
+    stopped: Arc<AtomicBool>,
     current: Mutex<ProgressBar>,
 }
 
 impl Bars {
     pub fn new(quiet: bool) -> Bars {
-        Bars { visible: !quiet, current: Mutex::new(ProgressBar::hidden()) }
+        Bars {
+            visible: !quiet,
+            stopped: Arc::default(),
+            current: Mutex::new(ProgressBar::hidden()),
+        }
+    }
+
+    /// From now on Ctrl-C asks the work to stop where it can go on later; a second one ends it there
+    /// and then.
+    pub fn stop_on_interrupt(&self) -> Result<(), ctrlc::Error> {
+        let stopped = self.stopped.clone();
+        ctrlc::set_handler(move || {
+            if stopped.swap(true, Ordering::Relaxed) {
+                std::process::exit(130);
+            }
+            eprintln!("stopping; once more to stop at once");
+        })
     }
 
     fn bar(&self) -> ProgressBar {
@@ -50,5 +68,15 @@ impl Progress for Bars {
 
     fn end(&self) {
         self.bar().finish();
+    }
+
+    fn remark(&self, text: &str) {
+        if self.visible {
+            self.bar().suspend(|| eprintln!("{text}"));
+        }
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stopped.load(Ordering::Relaxed)
     }
 }

@@ -73,7 +73,7 @@ impl Budget {
 }
 
 /// This share of the budget is always left: what carries more becomes worse than the budget.
-const LEAST_SHARE: f64 = 0.25;
+pub(crate) const LEAST_SHARE: f64 = 0.25;
 
 /// The share of a source's triangles that are most of it.
 const MOST: f64 = 0.9;

@@ -1,0 +1,258 @@
+//! Nodes of a part of the octree: subtrees from the scan's triangles, nodes above from those below,
+//! and the two files in which either is kept.
+//!
+//! `pages-…` holds pages one after the other. `nodes-…` holds records, whose pages' offsets count
+//! in that file, and the pieces that levels above gather.
+
+use std::io::Write;
+use std::path::Path;
+
+use hlod_compress::{CellKey, Mesh, NodeRecord, OctNormal};
+
+use super::scatter::{CutTriangle, Subtree};
+use super::work_folder::WorkFolder;
+use crate::certificate::{Carried, Deviation};
+use crate::cone::ConeBuilder;
+use crate::error::BuildError;
+use crate::hierarchy::{BuiltNode, NodeError, Piece, Pieces, Setting, build_inner, build_subtree};
+use crate::partition::{Vertex, cut_into_leaves};
+use crate::simplify::Source;
+use crate::spill::RecordReader;
+
+/// Names of the step for a cell and of its files.
+pub(crate) struct Names {
+    pub(crate) step: String,
+    pub(crate) nodes: String,
+    pub(crate) pages: String,
+}
+
+impl Names {
+    /// Of the part whose topmost node is `cell`.
+    pub(crate) fn of(cell: CellKey) -> Names {
+        let name = |what: &str| format!("{what}-{}-{}", cell.depth(), cell.morton());
+        Names { step: name("build"), nodes: name("nodes"), pages: name("pages") }
+    }
+}
+
+/// Builds a subtree and writes it.
+pub(crate) fn build_subtree_step(
+    folder: &WorkFolder,
+    subtree: &Subtree,
+    leaf_triangles: usize,
+    has_colours: bool,
+    setting: &Setting<'_>,
+) -> Result<(), BuildError> {
+    let cell = subtree.cell();
+    let names = Names::of(cell);
+    folder.step(&names.step, &[&names.nodes, &names.pages], || {
+        let mesh = load(&folder.file(&subtree.file()), has_colours)?;
+        let leaves = cut_into_leaves(cell, mesh, &setting.lattice, leaf_triangles);
+        let (nodes, pieces) = build_subtree(cell, leaves, subtree.triangles, setting)
+            .map_err(|error| said(error, folder))?;
+        write(folder, &names, nodes, &pieces)
+    })
+}
+
+/// Builds one node from what is below and writes it.
+pub(crate) fn build_upper_step(
+    folder: &WorkFolder,
+    cell: CellKey,
+    parts: &[CellKey],
+    setting: &Setting<'_>,
+) -> Result<(), BuildError> {
+    let names = Names::of(cell);
+    folder.step(&names.step, &[&names.nodes, &names.pages], || {
+        let mut pieces = Pieces::new();
+        let deepest = cell.depth() + 2;
+        for &part in parts {
+            for (below, piece) in read_pieces(&folder.file(&Names::of(part).nodes))? {
+                if below.depth() <= deepest {
+                    pieces.insert(below, piece);
+                }
+            }
+        }
+        let (node, piece) =
+            build_inner(cell, &pieces, setting).map_err(|error| said(error, folder))?;
+        drop(pieces);
+        write(folder, &names, vec![node], &Pieces::from([(cell, piece)]))
+    })
+}
+
+fn said(error: NodeError, folder: &WorkFolder) -> BuildError {
+    match error {
+        NodeError::Format(error) => BuildError::format(&folder.file(""))(error),
+        NodeError::Memory { needed_bytes, budget_bytes } => BuildError::Memory {
+            path: folder.file(""),
+            why: "one node has to be simplified as a whole",
+            needed_bytes,
+            budget_bytes,
+        },
+        NodeError::Stopped => BuildError::Stopped(folder.file("")),
+    }
+}
+
+/// A cell's triangles in the order of the scan, equal vertices joined.
+fn load(path: &Path, has_colours: bool) -> Result<Mesh, BuildError> {
+    let mut pieces: Vec<CutTriangle> = RecordReader::all(path)?;
+    // Stable: pieces of one triangle keep their order.
+    pieces.sort_by_key(|piece| piece.triangle);
+    let mut mesh = Mesh::default();
+    let mut index_of = std::collections::HashMap::with_capacity(pieces.len());
+    for piece in pieces {
+        let triangle = piece.corners.map(|v| {
+            let colour = has_colours.then_some(v.colour);
+            let vertex = Vertex { position: v.position, normal: v.normal, colour };
+            *index_of.entry(vertex).or_insert_with(|| vertex.push_to(&mut mesh))
+        });
+        mesh.triangles.push(triangle);
+    }
+    Ok(mesh)
+}
+
+fn write(
+    folder: &WorkFolder,
+    names: &Names,
+    nodes: Vec<BuiltNode>,
+    pieces: &Pieces,
+) -> Result<(), BuildError> {
+    let path = folder.file(&names.pages);
+    let file = std::fs::File::create(&path).map_err(BuildError::io(&path, "create"))?;
+    let mut pages = std::io::BufWriter::new(file);
+    let mut offset = 0;
+    let mut out = Writer::default();
+    out.count(nodes.len());
+    for BuiltNode { mut record, pages: of_node } in nodes {
+        for (representation, page) in record.representations.iter_mut().zip(of_node) {
+            representation.page.offset = offset;
+            offset += page.len() as u64;
+            pages.write_all(&page).map_err(BuildError::io(&path, "write"))?;
+        }
+        out.array(&record.to_bytes());
+    }
+    pages.flush().map_err(BuildError::io(&path, "write"))?;
+    out.count(pieces.len());
+    for (cell, piece) in pieces {
+        out.piece(*cell, piece);
+    }
+    let path = folder.file(&names.nodes);
+    std::fs::write(&path, out.0).map_err(BuildError::io(&path, "write"))
+}
+
+/// The records of a part.
+pub(crate) fn read_records(path: &Path) -> Result<Vec<NodeRecord>, BuildError> {
+    let bytes = std::fs::read(path).map_err(BuildError::io(path, "read"))?;
+    let mut reader = Reader { rest: &bytes, path };
+    reader.records()
+}
+
+fn read_pieces(path: &Path) -> Result<Pieces, BuildError> {
+    let bytes = std::fs::read(path).map_err(BuildError::io(path, "read"))?;
+    let mut reader = Reader { rest: &bytes, path };
+    reader.records()?;
+    let count = reader.count()?;
+    (0..count).map(|_| reader.piece()).collect()
+}
+
+/// Arrays of plain numbers, each with its length in front.
+#[derive(Default)]
+struct Writer(Vec<u8>);
+
+impl Writer {
+    fn count(&mut self, count: usize) {
+        self.0.extend((count as u64).to_le_bytes());
+    }
+
+    fn array<T: bytemuck::NoUninit>(&mut self, values: &[T]) {
+        self.count(values.len());
+        self.0.extend_from_slice(bytemuck::cast_slice(values));
+    }
+
+    fn piece(&mut self, cell: CellKey, piece: &Piece) {
+        let Piece { source: Source { mesh, carried, smoothing }, is_leaf, cone, bounds } = piece;
+        self.array(&[u64::from(cell.depth()), cell.morton(), u64::from(*is_leaf)]);
+        self.array(&[*smoothing]);
+        self.array(cone.bins());
+        self.array(bounds);
+        self.array(&mesh.positions);
+        self.array(&mesh.normals);
+        self.array(&mesh.colours);
+        self.array(&mesh.triangles);
+        let numbers = |d: Deviation| [d.distance, f64::from(d.angle)];
+        let carried: Vec<[[f64; 2]; 2]> =
+            carried.iter().map(|c| [numbers(c.forward), numbers(c.backward)]).collect();
+        self.array(&carried);
+    }
+}
+
+struct Reader<'a> {
+    rest: &'a [u8],
+    path: &'a Path,
+}
+
+impl Reader<'_> {
+    fn damaged(&self) -> BuildError {
+        BuildError::Work { path: self.path.to_owned() }
+    }
+
+    fn take(&mut self, count: usize) -> Result<&[u8], BuildError> {
+        let (taken, rest) = self.rest.split_at_checked(count).ok_or_else(|| self.damaged())?;
+        self.rest = rest;
+        Ok(taken)
+    }
+
+    fn count(&mut self) -> Result<usize, BuildError> {
+        let mut bytes = [0; 8];
+        bytes.copy_from_slice(self.take(8)?);
+        usize::try_from(u64::from_le_bytes(bytes)).map_err(|_| self.damaged())
+    }
+
+    fn array<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
+        &mut self,
+    ) -> Result<Vec<T>, BuildError> {
+        let count = self.count()?;
+        let bytes = count.checked_mul(size_of::<T>()).ok_or_else(|| self.damaged())?;
+        let bytes = self.take(bytes)?;
+        let mut out = vec![T::zeroed(); count];
+        bytemuck::cast_slice_mut(&mut out).copy_from_slice(bytes);
+        Ok(out)
+    }
+
+    fn one<T: bytemuck::AnyBitPattern + bytemuck::NoUninit, const N: usize>(
+        &mut self,
+    ) -> Result<[T; N], BuildError> {
+        let all = self.array::<T>()?;
+        <[T; N]>::try_from(all).map_err(|_| self.damaged())
+    }
+
+    fn records(&mut self) -> Result<Vec<NodeRecord>, BuildError> {
+        let count = self.count()?;
+        (0..count)
+            .map(|_| {
+                let bytes = self.array::<u8>()?;
+                NodeRecord::parse(&bytes).map_err(BuildError::format(self.path))
+            })
+            .collect()
+    }
+
+    fn piece(&mut self) -> Result<(CellKey, Piece), BuildError> {
+        let [depth, morton, is_leaf] = self.one::<u64, 3>()?;
+        let cell =
+            CellKey::from_parts(depth as u8, morton).map_err(BuildError::format(self.path))?;
+        let [smoothing] = self.one::<f32, 1>()?;
+        let cone = ConeBuilder::from_bins(self.one()?);
+        let bounds = self.one::<[i32; 3], 2>()?;
+        let mesh = Mesh {
+            positions: self.array()?,
+            normals: self.array::<OctNormal>()?,
+            colours: self.array()?,
+            triangles: self.array()?,
+        };
+        mesh.validate().map_err(|_| self.damaged())?;
+        let deviation = |[distance, angle]: [f64; 2]| Deviation { distance, angle: angle as f32 };
+        let carried = self.array::<[[f64; 2]; 2]>()?.into_iter().map(|[forward, backward]| {
+            Carried { forward: deviation(forward), backward: deviation(backward) }
+        });
+        let source = Source { mesh, carried: carried.collect(), smoothing };
+        Ok((cell, Piece { source, is_leaf: is_leaf != 0, cone, bounds }))
+    }
+}

@@ -1,0 +1,247 @@
+//! Cuts the scan's triangles into the cells of the subtrees.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::path::PathBuf;
+
+use bytemuck::{Pod, Zeroable};
+use hlod_compress::{CellKey, Lattice, Mesh};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::ingest::TRIANGLES;
+use super::join::{Event, join};
+use super::survey::{PLACED, PlacedVertex, Survey};
+use super::work_folder::WorkFolder;
+use crate::error::BuildError;
+use crate::partition::{Vertex, octants};
+use crate::progress::{Progress, Unit};
+use crate::spill::{RecordReader, append_records};
+
+const PLAN: &str = "plan.json";
+
+/// A piece of a triangle of the scan.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct CutTriangle {
+    /// Number of the triangle that it was cut from. Pieces of one triangle come in a fixed order.
+    pub(crate) triangle: u64,
+    pub(crate) corners: [PlacedVertex; 3],
+    padding: u32,
+}
+
+/// A subtree to be built.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) struct Subtree {
+    depth: u8,
+    morton: u64,
+    pub(crate) triangles: u64,
+}
+
+impl Subtree {
+    pub(crate) fn cell(&self) -> CellKey {
+        CellKey::from_parts(self.depth, self.morton).expect("it was written from a cell")
+    }
+
+    /// The file of its triangles.
+    pub(crate) fn file(&self) -> String {
+        file_of(self.cell())
+    }
+}
+
+fn file_of(cell: CellKey) -> String {
+    format!("cell-{}-{}", cell.depth(), cell.morton())
+}
+
+/// Does the step unless it is done; subtrees come in the order of their cells.
+pub(crate) fn scatter(
+    folder: &WorkFolder,
+    survey: &Survey,
+    triangles: u64,
+    subtree_triangles: u64,
+    memory_bytes: usize,
+    progress: &dyn Progress,
+) -> Result<Vec<Subtree>, BuildError> {
+    let plan_file = folder.file(PLAN);
+    if !folder.is_done("scatter") {
+        progress.begin("partition", triangles, Unit::Triangles);
+        let subtrees = cut_all(folder, survey, subtree_triangles, memory_bytes, progress)?;
+        super::write_json(&plan_file, &subtrees)?;
+        let files: Vec<String> = subtrees.iter().map(Subtree::file).collect();
+        let files: Vec<&str> =
+            files.iter().map(String::as_str).chain(std::iter::once(PLAN)).collect();
+        folder.finish_step("scatter", &files)?;
+        progress.end();
+    }
+    super::read_json(&plan_file)
+}
+
+fn cut_all(
+    folder: &WorkFolder,
+    survey: &Survey,
+    subtree_triangles: u64,
+    memory_bytes: usize,
+    progress: &dyn Progress,
+) -> Result<Vec<Subtree>, BuildError> {
+    let lattice = survey.lattice();
+    let split = survey.split.iter().map(|&(depth, morton)| CellKey::from_parts(depth, morton));
+    let split =
+        split.collect::<Result<HashSet<_>, _>>().map_err(BuildError::format(&folder.file(PLAN)))?;
+    let mut cells = Cells::new(folder, memory_bytes / 4);
+    let (placed, triangles) = (folder.file(PLACED), folder.file(TRIANGLES));
+    join::<PlacedVertex>(
+        &placed,
+        &triangles,
+        &folder.file("scatter-join"),
+        memory_bytes / 2,
+        |event| {
+            let Event::Triangles(batch) = event else { return Ok(()) };
+            folder.check_stop(progress)?;
+            progress.advance(batch.len() as u64);
+            let cut: Vec<Vec<(CellKey, CutTriangle)>> = batch
+                .par_chunks(1 << 10)
+                .map(|chunk| {
+                    let mut out = Vec::with_capacity(chunk.len() + chunk.len() / 8);
+                    for t in chunk {
+                        let whole =
+                            CutTriangle { triangle: t.index, corners: t.corners, padding: 0 };
+                        route(whole, CellKey::ROOT, &split, &lattice, &mut out);
+                    }
+                    out
+                })
+                .collect();
+            cut.into_iter().flatten().try_for_each(|(cell, piece)| cells.put(cell, piece))
+        },
+    )?;
+    let mut counts = cells.finish()?;
+    // Cells that are still too full, where the scan is very dense.
+    loop {
+        let fullest = counts.iter().find(|(cell, count)| {
+            **count > 2 * subtree_triangles && cell.depth() < lattice.depth_max
+        });
+        let Some((&cell, _)) = fullest else { break };
+        counts.remove(&cell);
+        let mut cells = Cells::new(folder, memory_bytes / 4);
+        let path = folder.file(&file_of(cell));
+        let mut reader = RecordReader::<CutTriangle>::open(&path)?;
+        let split = HashSet::from([cell]);
+        let mut out = Vec::new();
+        while reader.left() > 0 {
+            for piece in reader.next(1 << 14)? {
+                route(piece, cell, &split, &lattice, &mut out);
+            }
+            out.drain(..).try_for_each(|(cell, piece)| cells.put(cell, piece))?;
+        }
+        counts.extend(cells.finish()?);
+        std::fs::remove_file(&path).map_err(BuildError::io(&path, "remove"))?;
+    }
+    let subtree = |(cell, triangles): (CellKey, u64)| Subtree {
+        depth: cell.depth(),
+        morton: cell.morton(),
+        triangles,
+    };
+    Ok(counts.into_iter().map(subtree).collect())
+}
+
+/// Cuts a triangle until every piece lies in one cell that is not split. Triangles without an area
+/// are left out.
+fn route(
+    whole: CutTriangle,
+    mut cell: CellKey,
+    split: &HashSet<CellKey>,
+    lattice: &Lattice,
+    out: &mut Vec<(CellKey, CutTriangle)>,
+) {
+    let positions = whole.corners.map(|v| v.position);
+    if positions[0] == positions[1] || positions[1] == positions[2] || positions[2] == positions[0]
+    {
+        return;
+    }
+    while split.contains(&cell) && cell.depth() < lattice.depth_max {
+        let half = (lattice.cell_units(cell.depth()) / 2) as i32;
+        let centre = lattice.cell_min(cell).map(|c| c + half);
+        let mut octant = 0;
+        for (axis, &plane) in centre.iter().enumerate() {
+            // As [`cut`] decides: what lies in the plane goes below.
+            if positions.iter().all(|p| p[axis] <= plane) {
+            } else if positions.iter().all(|p| p[axis] >= plane) {
+                octant |= 1 << axis;
+            } else {
+                return route_pieces(&whole, cell, split, lattice, out);
+            }
+        }
+        cell = cell.child(octant);
+    }
+    out.push((cell, whole));
+}
+
+/// The same for a triangle that has to be cut.
+fn route_pieces(
+    whole: &CutTriangle,
+    cell: CellKey,
+    split: &HashSet<CellKey>,
+    lattice: &Lattice,
+    out: &mut Vec<(CellKey, CutTriangle)>,
+) {
+    let mut mesh = Mesh::default();
+    for v in whole.corners {
+        Vertex { position: v.position, normal: v.normal, colour: Some(v.colour) }
+            .push_to(&mut mesh);
+    }
+    mesh.triangles.push([0, 1, 2]);
+    for (octant, part) in octants(mesh, lattice, cell) {
+        for t in &part.triangles {
+            let corners = t.map(|v| PlacedVertex {
+                position: part.positions[v as usize],
+                normal: part.normals[v as usize],
+                colour: part.colours[v as usize],
+            });
+            let piece = CutTriangle { corners, ..*whole };
+            route(piece, cell.child(octant), split, lattice, out);
+        }
+    }
+}
+
+/// Files of cells that turn up as triangles come.
+struct Cells<'a> {
+    folder: &'a WorkFolder,
+    pending: HashMap<CellKey, Vec<CutTriangle>>,
+    counts: BTreeMap<CellKey, u64>,
+    pending_count: usize,
+    pending_max: usize,
+}
+
+impl<'a> Cells<'a> {
+    fn new(folder: &'a WorkFolder, bytes: usize) -> Cells<'a> {
+        Cells {
+            folder,
+            pending: HashMap::new(),
+            counts: BTreeMap::new(),
+            pending_count: 0,
+            // Vectors grow by doubling.
+            pending_max: (bytes / size_of::<CutTriangle>() / 2).max(1),
+        }
+    }
+
+    fn put(&mut self, cell: CellKey, piece: CutTriangle) -> Result<(), BuildError> {
+        self.pending.entry(cell).or_default().push(piece);
+        self.pending_count += 1;
+        if self.pending_count >= self.pending_max { self.append() } else { Ok(()) }
+    }
+
+    fn append(&mut self) -> Result<(), BuildError> {
+        for (cell, pieces) in self.pending.drain() {
+            let count = self.counts.entry(cell).or_default();
+            let path: PathBuf = self.folder.file(&file_of(cell));
+            // A file of that name may be left of a run that was stopped.
+            append_records(&path, &pieces, *count == 0)?;
+            *count += pieces.len() as u64;
+        }
+        self.pending_count = 0;
+        Ok(())
+    }
+
+    fn finish(mut self) -> Result<BTreeMap<CellKey, u64>, BuildError> {
+        self.append()?;
+        Ok(self.counts)
+    }
+}

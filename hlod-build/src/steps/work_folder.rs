@@ -1,0 +1,330 @@
+//! The folder in which a build keeps what it has done, so that it can go on after a stop.
+//!
+//! A step writes its files and then one line of the journal, with their lengths and checksums. A
+//! step without a line has not been done, whatever files there are. The first line says what is
+//! built from what: another build, or changed inputs, are refused.
+
+use std::collections::{HashMap, HashSet};
+use std::fs::{File, TryLockError};
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::BuildError;
+use crate::progress::Progress;
+
+const JOURNAL: &str = "journal";
+const LOCK: &str = "lock";
+
+/// An input as it was when the build began.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct InputStamp {
+    path: PathBuf,
+    bytes: u64,
+    modified_nanos: u128,
+}
+
+impl InputStamp {
+    pub(crate) fn of(path: &Path) -> Result<InputStamp, BuildError> {
+        let metadata = std::fs::metadata(path).map_err(BuildError::io(path, "open"))?;
+        let modified = metadata.modified().map_err(BuildError::io(path, "open"))?;
+        let since = modified.duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+        let path = path.canonicalize().map_err(BuildError::io(path, "open"))?;
+        Ok(InputStamp { path, bytes: metadata.len(), modified_nanos: since.as_nanos() })
+    }
+}
+
+/// What a build is: everything that its steps depend on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Identity {
+    pub(crate) program: String,
+    pub(crate) options: serde_json::Value,
+    pub(crate) inputs: Vec<InputStamp>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Line {
+    Done {
+        step: String,
+        files: Vec<FileStamp>,
+    },
+    /// These files were needed no more.
+    Discarded {
+        names: Vec<String>,
+    },
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct FileStamp {
+    name: String,
+    bytes: u64,
+    crc32: u32,
+}
+
+/// An open work folder, locked against other builds.
+pub(crate) struct WorkFolder {
+    path: PathBuf,
+    journal: std::sync::Mutex<File>,
+    /// Steps that are done.
+    done: HashSet<String>,
+    /// Files that were removed because nothing needed them.
+    discarded: HashSet<String>,
+    identity: Identity,
+    _lock: File,
+}
+
+impl WorkFolder {
+    /// Starts a build in a folder that does not exist yet, or is empty.
+    ///
+    /// # Errors
+    /// When the folder holds an unfinished build or anything else.
+    pub(crate) fn start(path: &Path, identity: &Identity) -> Result<WorkFolder, BuildError> {
+        std::fs::create_dir_all(path).map_err(BuildError::io(path, "create"))?;
+        let lock = lock(path)?;
+        let mut names = std::fs::read_dir(path).map_err(BuildError::io(path, "read"))?;
+        let foreign = names.any(|entry| entry.is_ok_and(|e| e.file_name() != LOCK));
+        if foreign {
+            return Err(BuildError::Usage(format!(
+                "{}: holds an unfinished build or other files; give --resume to go on with it, or remove it",
+                path.display()
+            )));
+        }
+        let journal = path.join(JOURNAL);
+        let mut file = File::create(&journal).map_err(BuildError::io(&journal, "create"))?;
+        append(&mut file, identity, &journal)?;
+        Ok(WorkFolder {
+            path: path.to_owned(),
+            journal: file.into(),
+            done: HashSet::new(),
+            discarded: HashSet::new(),
+            identity: identity.clone(),
+            _lock: lock,
+        })
+    }
+
+    /// Goes on with a build; steps whose files are not as they were written count as not done.
+    ///
+    /// # Errors
+    /// When there is no build, or it is of other inputs or with other options.
+    pub(crate) fn resume(
+        path: &Path,
+        identity: &Identity,
+        remark: &mut dyn FnMut(String),
+    ) -> Result<WorkFolder, BuildError> {
+        let journal = path.join(JOURNAL);
+        if !journal.exists() {
+            return Err(BuildError::Usage(format!(
+                "{}: holds no unfinished build; leave --resume away to start one",
+                path.display()
+            )));
+        }
+        let lock = lock(path)?;
+        let text = std::fs::read(&journal).map_err(BuildError::io(&journal, "read"))?;
+        // A line that a stop cut short does not end.
+        let whole = text.iter().rposition(|&b| b == b'\n').map_or(0, |end| end + 1);
+        let mut lines = text[..whole].split_inclusive(|&b| b == b'\n');
+        let before: Option<Identity> =
+            lines.next().and_then(|line| serde_json::from_slice(line).ok());
+        let Some(before) = before else {
+            return Err(BuildError::Usage(format!(
+                "{}: is not the journal of a build; remove the folder and start again",
+                journal.display()
+            )));
+        };
+        before.check(identity, path)?;
+        let mut done: HashMap<String, Vec<FileStamp>> = HashMap::new();
+        let mut discarded = HashSet::new();
+        for line in lines {
+            match serde_json::from_slice(line) {
+                Ok(Line::Done { step, files }) => drop(done.insert(step, files)),
+                Ok(Line::Discarded { names }) => discarded.extend(names),
+                Err(_) => remark("a line of the journal cannot be read".into()),
+            }
+        }
+        done.retain(|_, files| {
+            let needed = files.iter().filter(|stamp| !discarded.contains(&stamp.name));
+            let wrong = needed.clone().find(|stamp| !stamp.holds(path));
+            if let Some(wrong) = wrong {
+                remark(format!("{} is not as it was written: it is made again", wrong.name));
+            }
+            wrong.is_none()
+        });
+        let file = File::options().append(true).open(&journal);
+        let mut file = file.map_err(BuildError::io(&journal, "open"))?;
+        file.set_len(whole as u64).map_err(BuildError::io(&journal, "write"))?;
+        file.flush().map_err(BuildError::io(&journal, "write"))?;
+        Ok(WorkFolder {
+            path: path.to_owned(),
+            journal: file.into(),
+            done: done.into_keys().collect(),
+            discarded,
+            identity: before,
+            _lock: lock,
+        })
+    }
+
+    /// The path of a file in the folder.
+    pub(crate) fn file(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+
+    /// Whether any step has been done, in this run or before.
+    pub(crate) fn has_steps(&self) -> bool {
+        let journal = self.journal.lock().unwrap_or_else(|e| e.into_inner());
+        let header = serde_json::to_vec(&self.identity).map_or(0, |text| text.len() as u64 + 1);
+        journal.metadata().is_ok_and(|m| m.len() > header)
+    }
+
+    pub(crate) fn is_done(&self, step: &str) -> bool {
+        self.done.contains(step)
+    }
+
+    /// # Errors
+    /// When the user wants the build to stop.
+    pub(crate) fn check_stop(&self, progress: &dyn Progress) -> Result<(), BuildError> {
+        if progress.is_stopped() { Err(BuildError::Stopped(self.path.clone())) } else { Ok(()) }
+    }
+
+    pub(crate) fn is_discarded(&self, name: &str) -> bool {
+        self.discarded.contains(name)
+    }
+
+    /// Forgets all steps.
+    pub(crate) fn begin_again(&mut self) -> Result<(), BuildError> {
+        let path = self.file(JOURNAL);
+        let mut file = File::create(&path).map_err(BuildError::io(&path, "create"))?;
+        append(&mut file, &self.identity, &path)?;
+        self.journal = file.into();
+        self.done.clear();
+        self.discarded.clear();
+        Ok(())
+    }
+
+    /// Does a step unless it is done: `work` writes the files named.
+    pub(crate) fn step(
+        &self,
+        step: &str,
+        files: &[&str],
+        work: impl FnOnce() -> Result<(), BuildError>,
+    ) -> Result<(), BuildError> {
+        if self.is_done(step) {
+            return Ok(());
+        }
+        work()?;
+        self.finish_step(step, files)
+    }
+
+    /// Writes down that a step is done. Its files are on disk before the journal says so.
+    pub(crate) fn finish_step(&self, step: &str, files: &[&str]) -> Result<(), BuildError> {
+        let files = files.iter().map(|name| FileStamp::of(&self.path, name));
+        let line = Line::Done { step: step.to_owned(), files: files.collect::<Result<_, _>>()? };
+        let mut journal = self.journal.lock().unwrap_or_else(|e| e.into_inner());
+        append(&mut journal, &line, &self.path.join(JOURNAL))
+    }
+
+    /// Removes files that no step needs any more.
+    pub(crate) fn discard(&self, names: &[&str]) -> Result<(), BuildError> {
+        let line = Line::Discarded { names: names.iter().map(|n| (*n).to_owned()).collect() };
+        let mut journal = self.journal.lock().unwrap_or_else(|e| e.into_inner());
+        append(&mut journal, &line, &self.path.join(JOURNAL))?;
+        for name in names {
+            let path = self.file(name);
+            match std::fs::remove_file(&path) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(BuildError::io(&path, "remove")(error));
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Removes the folder: the build is finished.
+    pub(crate) fn remove(self) -> Result<(), BuildError> {
+        std::fs::remove_dir_all(&self.path).map_err(BuildError::io(&self.path, "remove"))
+    }
+}
+
+impl Identity {
+    fn check(&self, now: &Identity, path: &Path) -> Result<(), BuildError> {
+        let refuse = |why: String| {
+            Err(BuildError::Usage(format!(
+                "{}: {why}; remove the folder to start again",
+                path.display()
+            )))
+        };
+        if self.program != now.program {
+            return refuse(format!("was begun by {}, this is {}", self.program, now.program));
+        }
+        if self.options != now.options {
+            return refuse(format!(
+                "was begun with other options ({}, now {})",
+                self.options, now.options
+            ));
+        }
+        if self.inputs.len() != now.inputs.len() {
+            return refuse("was begun with other inputs".into());
+        }
+        for (before, now) in self.inputs.iter().zip(&now.inputs) {
+            if before != now {
+                return refuse(format!("{} has changed since", now.path.display()));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl FileStamp {
+    fn of(folder: &Path, name: &str) -> Result<FileStamp, BuildError> {
+        let path = folder.join(name);
+        let file = File::open(&path).map_err(BuildError::io(&path, "open"))?;
+        file.sync_all().map_err(BuildError::io(&path, "write"))?;
+        let (bytes, crc32) = checksum(file).map_err(BuildError::io(&path, "read"))?;
+        Ok(FileStamp { name: name.to_owned(), bytes, crc32 })
+    }
+
+    fn holds(&self, folder: &Path) -> bool {
+        let Ok(file) = File::open(folder.join(&self.name)) else { return false };
+        file.metadata().is_ok_and(|m| m.len() == self.bytes)
+            && checksum(file).is_ok_and(|found| found == (self.bytes, self.crc32))
+    }
+}
+
+fn checksum(mut file: File) -> std::io::Result<(u64, u32)> {
+    let mut hasher = crc32fast::Hasher::new();
+    let mut buffer = vec![0; 1 << 18];
+    let mut bytes = 0;
+    loop {
+        let count = file.read(&mut buffer)?;
+        if count == 0 {
+            return Ok((bytes, hasher.finalize()));
+        }
+        hasher.update(&buffer[..count]);
+        bytes += count as u64;
+    }
+}
+
+fn append(file: &mut File, line: &impl Serialize, path: &Path) -> Result<(), BuildError> {
+    let mut text = serde_json::to_vec(line)
+        .map_err(std::io::Error::from)
+        .map_err(BuildError::io(path, "write"))?;
+    text.push(b'\n');
+    file.write_all(&text).and_then(|()| file.sync_data()).map_err(BuildError::io(path, "write"))
+}
+
+/// Held as long as the file is open; the system lets go of it when the process ends, however it
+/// does.
+fn lock(folder: &Path) -> Result<File, BuildError> {
+    let path = folder.join(LOCK);
+    let file = File::create(&path).map_err(BuildError::io(&path, "create"))?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(BuildError::Usage(format!(
+            "{}: another build works in this folder; give --work-dir another",
+            folder.display()
+        ))),
+        Err(TryLockError::Error(error)) => Err(BuildError::io(&path, "lock")(error)),
+    }
+}

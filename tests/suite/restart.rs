@@ -1,0 +1,233 @@
+//! Builds that are stopped, killed or interfered with: they go on to the same bytes, or say why not.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use hlod_tests::{bumpy_ball, program};
+
+/// A scan, and what an uninterrupted build makes of it.
+struct Model {
+    folder: tempfile::TempDir,
+    scan: PathBuf,
+    bytes: Vec<u8>,
+    took: Duration,
+}
+
+impl Model {
+    fn new(rings: u32) -> Model {
+        let folder = tempfile::tempdir().unwrap();
+        let scan = folder.path().join("ball.ply");
+        std::fs::write(&scan, bumpy_ball(rings)).unwrap();
+        let whole = folder.path().join("whole.hlod");
+        let start = Instant::now();
+        let output = command(&scan, &whole, &[]).output().unwrap();
+        assert!(output.status.success(), "{}", said(&output));
+        let bytes = std::fs::read(&whole).unwrap();
+        Model { folder, scan, bytes, took: start.elapsed() }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Goes on with a build that was stopped; starts it where it had not begun.
+    fn finish(&self, output: &Path, what: &str) {
+        let mut resumed = command(&self.scan, output, &["--resume"]).output().unwrap();
+        if said(&resumed).contains("no unfinished build") {
+            resumed = command(&self.scan, output, &["--force"]).output().unwrap();
+        }
+        assert!(resumed.status.success(), "{what}: {}", said(&resumed));
+        assert!(std::fs::read(output).unwrap() == self.bytes, "{what}: other bytes");
+        assert!(!work(output).exists(), "{what}: the work folder is left");
+    }
+}
+
+/// Small leaves and little memory: a dozen subtrees and levels above them.
+fn command(scan: &Path, output: &Path, more: &[&str]) -> Command {
+    let mut command = program("hlod-build");
+    command.arg("build").arg(scan).arg("-o").arg(output);
+    command.args(["--leaf-triangles", "300", "--memory", "96MiB"]).args(more);
+    command
+}
+
+fn work(output: &Path) -> PathBuf {
+    PathBuf::from(format!("{}.work", output.display()))
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn start(model: &Model, output: &Path) -> Child {
+    command(&model.scan, output, &[]).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap()
+}
+
+/// Waits until the journal has so many lines; says whether it came to that.
+fn wait_for_steps(output: &Path, child: &mut Child, lines: usize) -> bool {
+    let journal = work(output).join("journal");
+    loop {
+        let text = std::fs::read(&journal).unwrap_or_default();
+        if text.iter().filter(|&&b| b == b'\n').count() >= lines {
+            return true;
+        }
+        if child.try_wait().unwrap().is_some() {
+            return false;
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+#[test]
+fn killed_at_any_moment_a_build_goes_on_to_the_same_bytes() {
+    let model = Model::new(150);
+    let mut state = 20_041_122u64;
+    let mut unfinished = 0;
+    for round in 0..20 {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        let moment = model.took.mul_f64((state >> 40) as f64 / (1u64 << 24) as f64);
+        let output = model.path(&format!("{round}.hlod"));
+        let mut child = start(&model, &output);
+        std::thread::sleep(moment);
+        child.kill().unwrap();
+        child.wait().unwrap();
+        unfinished += usize::from(!output.exists());
+        if !output.exists() {
+            model.finish(&output, &format!("killed after {moment:?}"));
+        }
+        std::fs::remove_file(&output).unwrap();
+    }
+    assert!(unfinished >= 10, "only {unfinished} of 20 builds were killed in time");
+}
+
+#[cfg(unix)]
+#[test]
+fn control_c_leaves_what_is_done_and_says_so() {
+    let model = Model::new(170);
+    let output = model.path("stopped.hlod");
+    let mut child = start(&model, &output);
+    assert!(wait_for_steps(&output, &mut child, 6), "it was faster than this test");
+    Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let ended = child.wait_with_output().unwrap();
+    assert_eq!(ended.status.code(), Some(1), "{}", said(&ended));
+    assert!(said(&ended).contains("--resume"), "{}", said(&ended));
+    model.finish(&output, "stopped");
+}
+
+#[test]
+fn what_was_tampered_with_is_made_again() {
+    let model = Model::new(170);
+    let output = model.path("tampered.hlod");
+    for kind in ["nodes-", "pages-", "cell-", "survey.json", "plan.json"] {
+        let mut child = start(&model, &output);
+        assert!(wait_for_steps(&output, &mut child, 9), "it was faster than this test");
+        child.kill().unwrap();
+        child.wait().unwrap();
+        let journal = std::fs::read_to_string(work(&output).join("journal")).unwrap();
+        // A file that the journal vouches for.
+        let entry = std::fs::read_dir(work(&output)).unwrap().map(|e| e.unwrap()).find(|e| {
+            let name = e.file_name().to_string_lossy().into_owned();
+            name.starts_with(kind) && journal.contains(&format!("\"{name}\""))
+        });
+        let path = entry.unwrap_or_else(|| panic!("no file {kind}")).path();
+        let mut bytes = std::fs::read(&path).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+        std::fs::write(&path, bytes).unwrap();
+        model.finish(&output, kind);
+        std::fs::remove_file(&output).unwrap();
+    }
+    // A line that a crash cut short, and a file that is gone.
+    let mut child = start(&model, &output);
+    assert!(wait_for_steps(&output, &mut child, 9), "it was faster than this test");
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let journal = work(&output).join("journal");
+    let mut text = std::fs::read(&journal).unwrap();
+    text.truncate(text.len() - 7);
+    std::fs::write(&journal, text).unwrap();
+    let mut entries = std::fs::read_dir(work(&output)).unwrap().map(|e| e.unwrap().path());
+    let gone = entries.find(|p| p.to_string_lossy().contains("/nodes-")).unwrap();
+    std::fs::remove_file(gone).unwrap();
+    model.finish(&output, "cut short");
+}
+
+#[test]
+fn other_builds_and_changed_inputs_are_refused() {
+    let model = Model::new(170);
+    let output = model.path("refused.hlod");
+    let mut child = start(&model, &output);
+    assert!(wait_for_steps(&output, &mut child, 2), "it was faster than this test");
+    let second = command(&model.scan, &output, &["--resume"]).output().unwrap();
+    assert_eq!(second.status.code(), Some(2));
+    assert!(said(&second).contains("another build works in this folder"), "{}", said(&second));
+    child.kill().unwrap();
+    child.wait().unwrap();
+
+    let again = command(&model.scan, &output, &[]).output().unwrap();
+    assert_eq!(again.status.code(), Some(2));
+    assert!(said(&again).contains("--resume"), "{}", said(&again));
+    let other =
+        command(&model.scan, &output, &["--resume", "--resolution", "99"]).output().unwrap();
+    assert!(said(&other).contains("other options"), "{}", said(&other));
+    let text = std::fs::read(&model.scan).unwrap();
+    std::fs::write(&model.scan, &text).unwrap();
+    let changed = command(&model.scan, &output, &["--resume"]).output().unwrap();
+    assert_eq!(changed.status.code(), Some(2));
+    assert!(said(&changed).contains("has changed since"), "{}", said(&changed));
+    std::fs::remove_dir_all(work(&output)).unwrap();
+    let nothing = command(&model.scan, &output, &["--resume"]).output().unwrap();
+    assert_eq!(nothing.status.code(), Some(2));
+    assert!(said(&nothing).contains("no unfinished build"), "{}", said(&nothing));
+    // The folder of something else is not touched.
+    std::fs::create_dir(work(&output)).unwrap();
+    std::fs::write(work(&output).join("thesis.txt"), "precious").unwrap();
+    let foreign = command(&model.scan, &output, &["--force"]).output().unwrap();
+    assert_eq!(foreign.status.code(), Some(2), "{}", said(&foreign));
+    assert_eq!(std::fs::read(work(&output).join("thesis.txt")).unwrap(), b"precious");
+}
+
+/// The system refuses more than what was allowed, and the file is the same as with plenty.
+#[cfg(target_os = "linux")]
+#[test]
+fn memory_stays_within_what_is_allowed() {
+    let folder = tempfile::tempdir().unwrap();
+    let [scan, little, plenty] =
+        ["ball.ply", "little.hlod", "plenty.hlod"].map(|name| folder.path().join(name));
+    std::fs::write(&scan, bumpy_ball(450)).unwrap();
+    let build = |output: &Path, memory: &str| {
+        let mut command = program("hlod-build");
+        command.arg("build").arg(&scan).arg("-o").arg(output);
+        command.args(["--leaf-triangles", "4096", "--memory", memory]);
+        command
+    };
+    let command = build(&little, "160MiB");
+    let mut limited = Command::new("sh");
+    let kib = 160 * 1024;
+    limited.arg("-c").arg(format!("ulimit -d {kib}; exec \"$@\"")).arg("sh");
+    let output = limited.arg(command.get_program()).args(command.get_args()).output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    assert!(build(&plenty, "4GiB").status().unwrap().success());
+    assert!(std::fs::read(little).unwrap() == std::fs::read(plenty).unwrap(), "other bytes");
+
+    let output = build(&folder.path().join("none.hlod"), "20MiB").output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(said(&output).contains("which takes about"), "{}", said(&output));
+}
+
+/// A disk that is full in the middle: what is done stays, and the build goes on once there is room.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_said_and_survived() {
+    let model = Model::new(170);
+    let output = model.path("full.hlod");
+    // No file may grow beyond 1.5 MB: less than the vertices take.
+    let command = command(&model.scan, &output, &[]);
+    let mut limited = Command::new("sh");
+    limited.arg("-c").arg("trap '' XFSZ; ulimit -f 2000; exec \"$@\"").arg("sh");
+    let failed = limited.arg(command.get_program()).args(command.get_args()).output().unwrap();
+    assert_eq!(failed.status.code(), Some(1), "{}", said(&failed));
+    assert!(said(&failed).contains("cannot write"), "{}", said(&failed));
+    assert!(!output.exists());
+    model.finish(&output, "full disk");
+}
