@@ -51,6 +51,8 @@ pub struct Info {
     pub bytes_geometric_upper: u64,
     /// Header and skeleton.
     pub bytes_skeleton: u64,
+    /// Nodes with an error above their budget, the cell's edge ÷ R.
+    pub nodes_over_budget: u64,
     /// One a depth.
     pub levels: Vec<Level>,
 }
@@ -111,7 +113,13 @@ pub fn info(path: &Path) -> Result<Info, BuildError> {
         }
         proven &= representation.errors.geometric_status == BoundStatus::Proven;
     }
+    let is_over = |node: &&NodeRecord| {
+        let budget = header.lattice.cell_edge(node.cell.depth()) / f64::from(header.resolution);
+        let errors = node.representations.iter().map(|r| f64::from(r.errors.geometric));
+        errors.fold(0.0, f64::max) > budget * (1.0 + 1e-5)
+    };
     Ok(Info {
+        nodes_over_budget: nodes.iter().filter(is_over).count() as u64,
         format_version: hlod_compress::FORMAT_VERSION,
         unit: header.unit.name(),
         up: header.up.to_string(),

@@ -276,9 +276,11 @@ impl Memory {
     const SUBTREE_LEAVES_MIN: u64 = 8;
     /// As many full leaves as a node usually gathers.
     const NODE_LEAVES: u64 = 16;
+    /// The allocator keeps a part of what was freed.
+    const KEPT_SHARE: u64 = 12;
 
     fn share(options: &BuildOptions, output: &Path) -> Result<Memory, BuildError> {
-        let all = options.memory_bytes;
+        let all = options.memory_bytes - options.memory_bytes / Self::KEPT_SHARE;
         let leaf = u64::from(options.leaf_triangles);
         let at_a_time = SUBTREES_AT_A_TIME as u64 * Self::SUBTREE_BYTES_A_TRIANGLE;
         let subtree_triangles = (all / 8 / at_a_time)
@@ -290,8 +292,8 @@ impl Memory {
             return Err(BuildError::Memory {
                 path: output.to_owned(),
                 why: "leaves of so many triangles have to be simplified together",
-                needed_bytes: taken + node,
-                budget_bytes: all,
+                needed_bytes: (taken + node) * Self::KEPT_SHARE / (Self::KEPT_SHARE - 1),
+                budget_bytes: options.memory_bytes,
             });
         }
         Ok(Memory {

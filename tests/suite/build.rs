@@ -24,10 +24,18 @@ fn a_ball_is_built_verified_and_exported() {
         + info.bytes_skeleton;
     assert_eq!(parts, std::fs::metadata(&hlod).unwrap().len());
     assert!(info.levels.len() >= 3);
+    assert_eq!(info.nodes_over_budget, 0);
 
-    let verified = verify(&hlod, std::slice::from_ref(&ply), &Silent).unwrap();
+    let verified = verify(&hlod, std::slice::from_ref(&ply), 1.0, &Silent).unwrap();
     assert!(!verified.is_refuted(), "{:?}", verified.problems);
     assert!(verified.representations_sampled > 2);
+    // A share still takes something of every depth.
+    let share = verify(&hlod, &[], 0.01, &Silent).unwrap();
+    let depths = |report: &hlod_build::VerifyReport| {
+        report.representations.iter().map(|r| r.depth).collect::<std::collections::BTreeSet<_>>()
+    };
+    assert_eq!(depths(&share), depths(&verified));
+    assert!(share.representations_sampled < verified.representations_sampled);
 
     // The leaves come back as a closed surface with the scan's number of whole triangles or more.
     let report =
@@ -108,7 +116,7 @@ fn the_bunny_with_its_holes_is_what_it_was() {
     let report = built(&bunny, &hlod, |_| {});
     assert_eq!(report.triangles_input, 69_451);
     assert!(!report.closed_oriented);
-    let verified = verify(&hlod, &[bunny], &Silent).unwrap();
+    let verified = verify(&hlod, &[bunny], 1.0, &Silent).unwrap();
     assert!(!verified.is_refuted(), "{:?}", verified.problems);
 }
 
@@ -136,9 +144,9 @@ fn a_planted_error_that_is_too_small_is_caught() {
         };
         writer.write::<FormatError>(&mut bytes, page).unwrap();
         std::fs::write(&lie, bytes).unwrap();
-        verify(&lie, &[], &Silent).unwrap()
+        verify(&lie, &[], 1.0, &Silent).unwrap()
     };
-    let truth = verify(&hlod, &[], &Silent).unwrap();
+    let truth = verify(&hlod, &[], 1.0, &Silent).unwrap();
     assert!(!truth.is_refuted(), "{:?}", truth.problems);
     let root = truth.representations.iter().find(|r| r.depth == 0).unwrap();
     assert_eq!(root.kind, "appearance");

@@ -113,6 +113,13 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+fn share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value <= 1.0 => Ok(value),
+        _ => Err("expected a number above 0 and up to 1".into()),
+    }
+}
+
 /// A number of bytes with a unit.
 fn byte_count(text: &str) -> Result<u64, String> {
     let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
@@ -171,6 +178,9 @@ pub struct VerifyArgs {
     /// The scans it was built from: leaves are compared with them too.
     #[arg(long, num_args = 1.., value_name = "INPUT")]
     pub against: Vec<PathBuf>,
+    /// Sample this share of the inner nodes of each depth.
+    #[arg(long, default_value_t = 1.0, value_parser = share)]
+    pub share: f64,
     #[command(flatten)]
     pub json: JsonArgs,
 }

@@ -101,7 +101,7 @@ fn run_build(args: &BuildArgs, progress: &Bars, quiet: bool) -> Outcome {
 }
 
 fn run_verify(args: &VerifyArgs, progress: &Bars) -> Outcome {
-    let report = verify(&args.file, &args.against, progress)?;
+    let report = verify(&args.file, &args.against, args.share, progress)?;
     print(&args.json, &report, || tables::verify(&report))?;
     if report.is_refuted() { Err(Failure::Refuted) } else { Ok(()) }
 }

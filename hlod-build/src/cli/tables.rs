@@ -4,7 +4,7 @@ use std::path::Path;
 
 use comfy_table::{CellAlignment, Table, presets};
 use hlod_build::synth::StatueReport;
-use hlod_build::{BuildReport, CompareReport, ExportReport, Info, VerifyReport};
+use hlod_build::{BuildReport, CompareReport, ExportReport, Info, StageCost, VerifyReport};
 use hlod_scan::ScanReport;
 
 /// A borderless table whose first column is text and whose others are numbers.
@@ -49,21 +49,35 @@ fn with_unit(text: String, unit: &str) -> String {
 
 pub fn build(report: &BuildReport) -> String {
     let costs = &report.costs;
-    let mut stages = table(&["stage", "wall s", "cpu s"]);
+    let mut stages = table(&["stage", "wall s", "cpu s", "memory", "read", "written"]);
+    let seconds = |secs: f64| format!("{secs:.2}");
     for stage in &costs.stages {
-        let times = [stage.wall_secs, stage.cpu_secs].map(|t| format!("{t:.2}"));
-        stages.add_row([stage.name, &times[0], &times[1]]);
+        stages.add_row([
+            stage.name.to_owned(),
+            seconds(stage.wall_secs),
+            seconds(stage.cpu_secs),
+            megabytes(stage.peak_anonymous_bytes),
+            megabytes(stage.bytes_read),
+            megabytes(stage.bytes_written),
+        ]);
     }
-    stages.add_row(["all", &format!("{:.2}", costs.wall_secs), &format!("{:.2}", costs.cpu_secs)]);
+    let sum = |of: fn(&StageCost) -> u64| megabytes(costs.stages.iter().map(of).sum());
+    stages.add_row([
+        "all".to_owned(),
+        seconds(costs.wall_secs),
+        seconds(costs.cpu_secs),
+        megabytes(costs.peak_anonymous_bytes),
+        sum(|s| s.bytes_read),
+        sum(|s| s.bytes_written),
+    ]);
     let rate = report.triangles_input as f64 / costs.cpu_secs.max(1e-9) / 1e3;
     format!(
-        "{}: {} in {} nodes, {:.2} bytes a triangle\n{stages}\n{} triangles, {rate:.0} K a CPU second, peak memory {}",
+        "{}: {} in {} nodes, {:.2} bytes a triangle\n{stages}\n{} triangles, {rate:.0} K a CPU second",
         report.output.display(),
         megabytes(report.bytes_total),
         report.nodes,
         report.bytes_total as f64 / report.triangles_input.max(1) as f64,
         grouped(report.triangles_input),
-        megabytes(costs.peak_rss_bytes),
     )
 }
 
@@ -130,7 +144,7 @@ pub fn info(info: &Info) -> String {
     format!(
         "from         {}\nsize         {}, up {}, front {}\nprecision    {}\n\
          triangles    {} read, {} nodes, R = {}, T = {}\nattributes   {}\nsurface      {}\n\
-         errors       {} against the scan file\n\n{parts}\n\n{levels}\n\
+         errors       {} against the scan file; {}\n\n{parts}\n\n{levels}\n\
          (triangles, points and normals: means a node; errors, of shape and of what is seen: the\n\
          largest of a depth, in the scan's unit)",
         sources.join("\n             "),
@@ -149,6 +163,10 @@ pub fn info(info: &Info) -> String {
             "open or not consistently oriented"
         },
         info.error_status,
+        match info.nodes_over_budget {
+            0 => "all within their budget".to_owned(),
+            count => format!("{} nodes over their budget", grouped(count)),
+        },
     )
 }
 

@@ -237,11 +237,11 @@ fn simplify_chain(chain: &[&ChainVertex], budget: &Budget, shading: &Shading, ou
         let (before, after) = (kept[before], kept[after]);
         if along[k] - along[before] <= along[after] - along[k] { before } else { after }
     };
-    for k in 0..=last {
+    for (k, vertex) in chain.iter().enumerate() {
         let kept = nearest(&appearance, k);
         let coarser = nearest(&geometric, kept);
         let pins = [pin_of_kept[&kept], pin_of_kept[&coarser]];
-        out.pin_of.entry(chain[k].position).or_insert(pins);
+        out.pin_of.entry(vertex.position).or_insert(pins);
     }
 }
 

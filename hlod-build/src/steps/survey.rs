@@ -352,10 +352,11 @@ fn place_vertices(
             };
             let placed: Vec<PlacedVertex> = batch.par_iter().enumerate().map(place).collect();
             for v in &placed {
-                for i in 0..3 {
-                    bounds[0][i] = bounds[0][i].min(v.position[i]);
-                    bounds[1][i] = bounds[1][i].max(v.position[i]);
-                }
+                let [lo, hi] = bounds;
+                bounds = [
+                    std::array::from_fn(|i| lo[i].min(v.position[i])),
+                    std::array::from_fn(|i| hi[i].max(v.position[i])),
+                ];
             }
             writer.put(&placed)?;
             first += placed.len();

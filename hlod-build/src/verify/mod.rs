@@ -14,7 +14,7 @@ mod inner;
 mod leaves;
 mod normals;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use hlod_compress::{
@@ -92,7 +92,8 @@ pub struct RepresentationCheck {
     pub normal_sampled_deg: f32,
 }
 
-/// Checks a file, against its inputs where they are given.
+/// Checks a file, against its inputs where they are given. Of the inner nodes of each depth a
+/// `share` from 0 to 1 is sampled, evenly spread, at least one.
 ///
 /// # Errors
 /// When the file or an input cannot be read at all. Whatever is wrong inside the file is in the
@@ -100,10 +101,12 @@ pub struct RepresentationCheck {
 pub fn verify(
     path: &Path,
     against: &[PathBuf],
+    share: f64,
     progress: &dyn Progress,
 ) -> Result<VerifyReport, BuildError> {
     let file = HlodFile::open(path).map_err(BuildError::format(path))?;
     let nodes = file.read_skeleton().map_err(BuildError::format(path))?;
+    let sampled = choose(&nodes, share);
     let mut problems = Vec::new();
 
     // Decode everything once; leaves stay for what follows.
@@ -124,7 +127,8 @@ pub fn verify(
             Ok(mut meshes) if node.is_leaf() => {
                 leaves.insert(node.cell, meshes.swap_remove(0));
             }
-            Ok(meshes) => inner.push((node, meshes)),
+            Ok(meshes) if sampled.contains(&node.cell) => inner.push((node, meshes)),
+            Ok(_) => {}
             Err(problem) => problems.push(problem),
         }
     }
@@ -186,6 +190,21 @@ pub fn verify(
         problems,
         representations: checks,
     })
+}
+
+/// A share of the inner nodes of each depth, evenly spread over their order.
+fn choose(nodes: &[NodeRecord], share: f64) -> BTreeSet<CellKey> {
+    let mut by_depth: BTreeMap<u8, Vec<CellKey>> = BTreeMap::new();
+    for node in nodes.iter().filter(|node| !node.is_leaf()) {
+        by_depth.entry(node.cell.depth()).or_default().push(node.cell);
+    }
+    let mut chosen = BTreeSet::new();
+    for cells in by_depth.values_mut() {
+        cells.sort_unstable();
+        let count = ((cells.len() as f64 * share).ceil() as usize).clamp(1, cells.len());
+        chosen.extend((0..count).map(|i| cells[i * cells.len() / count]));
+    }
+    chosen
 }
 
 /// Reads and decodes one page and compares it with the node's record.

@@ -1,4 +1,5 @@
-//! The commands of this repository: `./x demo`, `./x test`, `./x bless`.
+//! The commands of this repository: `./x demo`, `./x test`, `./x bless`,
+//! `./x scale`.
 //!
 //! Depends on the standard library only, so that it compiles in seconds and can say what the
 //! system lacks, and how long the rest takes, before anything heavy begins.
@@ -7,6 +8,7 @@ mod bless;
 mod demo;
 mod options;
 mod run;
+mod scale;
 mod system;
 mod test;
 
@@ -36,6 +38,7 @@ fn main() -> ExitCode {
         Command::Demo(options) => demo::demo(&options),
         Command::Test(options) => test::test(&options),
         Command::Bless { name } => bless::bless(&name),
+        Command::Scale(options) => scale::scale(&options),
     });
     let (message, status) = match result {
         Ok(status) => return status,

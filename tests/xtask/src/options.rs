@@ -9,6 +9,16 @@ pub enum Command {
     Demo(DemoOptions),
     Test(TestOptions),
     Bless { name: String },
+    Scale(ScaleOptions),
+}
+
+#[derive(Debug, PartialEq, Eq)]
+pub struct ScaleOptions {
+    /// Counts as `hlod-build synth` reads them.
+    pub triangles: Vec<String>,
+    /// As `hlod-build build --memory` reads it.
+    pub memory: String,
+    pub may_install: bool,
 }
 
 #[derive(Debug, PartialEq, Eq)]
@@ -35,6 +45,7 @@ pub fn parse(arguments: impl IntoIterator<Item = String>) -> Result<Command, Fai
         "demo" => demo(arguments).map(Command::Demo),
         "test" => test(arguments).map(Command::Test),
         "bless" => bless(arguments),
+        "scale" => scale(arguments).map(Command::Scale),
         "help" | "-h" | "--help" => Ok(Command::Help),
         _ => Err(Failure::Usage(format!("There is no command '{command}'."))),
     }
@@ -63,6 +74,25 @@ fn test(arguments: impl Iterator<Item = String>) -> Result<TestOptions, Failure>
         }
     }
     Ok(options)
+}
+
+fn scale(mut arguments: impl Iterator<Item = String>) -> Result<ScaleOptions, Failure> {
+    let (mut triangles, mut memory, mut may_install) = (Vec::new(), "512MiB".to_owned(), true);
+    while let Some(argument) = arguments.next() {
+        match argument.as_str() {
+            "--no-install" => may_install = false,
+            "--triangles" => triangles.push(count(arguments.next())?),
+            "--memory" => {
+                let missing = || Failure::Usage("--memory takes a size such as 512MiB.".into());
+                memory = arguments.next().ok_or_else(missing)?;
+            }
+            _ => return Err(unexpected(&argument)),
+        }
+    }
+    if triangles.is_empty() {
+        triangles = ["1M", "4M", "16M"].map(str::to_owned).to_vec();
+    }
+    Ok(ScaleOptions { triangles, memory, may_install })
 }
 
 fn bless(mut arguments: impl Iterator<Item = String>) -> Result<Command, Failure> {
@@ -116,6 +146,14 @@ mod tests {
                 filters: vec!["decode".into(), "cracks".into()]
             }))
         );
+        assert_eq!(
+            parsed("scale --triangles 2M --triangles 8M --memory 1GiB"),
+            Some(Command::Scale(ScaleOptions {
+                triangles: vec!["2M".into(), "8M".into()],
+                memory: "1GiB".into(),
+                may_install: true
+            }))
+        );
         assert_eq!(parsed("bless igea"), Some(Command::Bless { name: "igea".into() }));
     }
 
@@ -132,6 +170,8 @@ mod tests {
             "bless",
             "bless igea bunny",
             "bless --all",
+            "scale 8M",
+            "scale --memory",
         ] {
             assert_eq!(parsed(line), None, "{line}");
         }
