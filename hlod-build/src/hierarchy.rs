@@ -204,7 +204,7 @@ pub(crate) fn build_inner(
 
 /// What simplifying a node takes, source and results included, for each triangle gathered: see
 /// the measurement in bench-paths/RESULTS.md.
-pub(crate) const NODE_BYTES_A_TRIANGLE: u64 = 1200;
+pub(crate) const NODE_BYTES_A_TRIANGLE: u64 = 900;
 
 fn merge(
     summary: &mut Option<(ConeBuilder, [[i32; 3]; 2])>,
