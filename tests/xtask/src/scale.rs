@@ -45,6 +45,13 @@ pub fn scale(options: &ScaleOptions) -> Result<ExitCode, Failure> {
             synth.args(["synth", "statue", "--triangles", triangles, "-o"]).arg(&scan);
             run::run(&mut synth)?;
         }
+        // Of an earlier run that was stopped: what is measured is a whole build.
+        let unfinished = run::root().join(folder).join(format!("statue-{triangles}.hlod.work"));
+        if unfinished.exists() {
+            fs::remove_dir_all(&unfinished).map_err(|error| {
+                Failure::Work(format!("cannot remove {}: {error}", unfinished.display()))
+            })?;
+        }
         let mut build = program("hlod-build")?;
         build.arg("build").arg(&scan).arg("-o").arg(&model).args(["--unit", "mm", "--force"]);
         run::run(build.args(["--memory", &options.memory]).arg(results("build")))?;
