@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use crate::borders::Cube;
 use crate::certificate::Carried;
 use crate::cone::ConeBuilder;
-use crate::gate::Gate;
+use crate::gate::{Admitted, Gate, TooMuch};
 use crate::partition::{Leaf, Vertex};
 use crate::progress::Progress;
 use crate::seams::close_seams;
@@ -51,6 +51,16 @@ pub(crate) struct Setting<'a> {
     /// Keeps nodes that are worked on at a time within memory.
     pub(crate) gate: &'a Gate,
     pub(crate) progress: &'a dyn Progress,
+}
+
+impl Setting<'_> {
+    /// Waits until there is memory for a node; not to be called by who has been admitted.
+    pub(crate) fn admit(&self, bytes: u64) -> Result<Admitted<'_>, NodeError> {
+        self.gate.enter(bytes).map_err(|TooMuch { needed_bytes, budget_bytes }| NodeError::Memory {
+            needed_bytes,
+            budget_bytes,
+        })
+    }
 }
 
 /// Builds the nodes of a subtree of so many triangles from its leaves, and says what is needed above: the pieces of
@@ -88,6 +98,9 @@ pub(crate) fn build_subtree(
         let cells: Vec<CellKey> = inner.iter().copied().filter(|c| c.depth() == depth).collect();
         // All nodes of a depth are independent of one another.
         let built = cells.par_iter().map(|&cell| {
+            let triangles = gathered(cell, &pieces).map(|p| p.source.mesh.triangles.len());
+            let _admitted =
+                setting.admit(triangles.sum::<usize>() as u64 * NODE_BYTES_A_TRIANGLE)?;
             let built = build_inner(cell, &pieces, setting);
             advance.one();
             built
@@ -151,7 +164,8 @@ fn build_leaf(leaf: Leaf, setting: &Setting<'_>) -> Result<(BuiltNode, Piece), N
     Ok((BuiltNode { record, pages: vec![page] }, piece))
 }
 
-/// Gathers a node from the two levels below, which `pieces` holds, and simplifies it.
+/// Gathers a node from the two levels below, which `pieces` holds, and simplifies it. The caller
+/// has been admitted with [`NODE_BYTES_A_TRIANGLE`].
 ///
 /// # Errors
 /// As [`build_subtree`].
@@ -164,10 +178,6 @@ pub(crate) fn build_inner(
         return Err(NodeError::Stopped);
     }
     let lattice = &setting.lattice;
-    let triangles = gathered(cell, pieces).map(|p| p.source.mesh.triangles.len()).sum::<usize>();
-    let _admitted = setting.gate.enter(triangles as u64 * NODE_BYTES_A_TRIANGLE).map_err(|e| {
-        NodeError::Memory { needed_bytes: e.needed_bytes, budget_bytes: e.budget_bytes }
-    })?;
     let mut source = gather(cell, pieces);
     let cube = Cube { min: lattice.cell_min(cell), units: lattice.cell_units(cell.depth()) };
     let whole = f64::from(cube.units) / f64::from(setting.resolution);
@@ -202,9 +212,9 @@ pub(crate) fn build_inner(
     Ok((BuiltNode { record, pages: vec![appearance.2, geometric.2] }, piece))
 }
 
-/// What simplifying a node takes, source and results included, for each triangle gathered: see
-/// the measurement in bench-paths/RESULTS.md.
-pub(crate) const NODE_BYTES_A_TRIANGLE: u64 = 900;
+/// What simplifying a node takes, source and results included, for each triangle gathered, as
+/// measured on nodes of 0.3 to 0.4 million.
+pub(crate) const NODE_BYTES_A_TRIANGLE: u64 = 750;
 
 fn merge(
     summary: &mut Option<(ConeBuilder, [[i32; 3]; 2])>,

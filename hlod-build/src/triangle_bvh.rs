@@ -6,15 +6,25 @@
 
 use glam::DVec3;
 
-/// Triangles prepared for closest-point queries. Lengths are in whatever unit the corners are.
+/// An order of triangles for closest-point queries. The triangles themselves stay where they are:
+/// a copy would be the largest thing in memory.
 pub(crate) struct TriangleBvh {
     nodes: Vec<BvhNode>,
-    /// Corners in the order of the hierarchy's leaves.
-    triangles: Vec<[DVec3; 3]>,
-    /// `original[i]` is the index that `triangles[i]` was given with.
-    original: Vec<u32>,
-    /// The inverse of `original`.
-    stored_from_original: Vec<u32>,
+    /// Numbers of triangles in the order of the hierarchy's leaves.
+    order: Vec<u32>,
+}
+
+/// The triangles of a hierarchy. Lengths are in whatever unit the positions are.
+#[derive(Clone, Copy)]
+pub(crate) struct Triangles<'a> {
+    pub(crate) positions: &'a [DVec3],
+    pub(crate) triangles: &'a [[u32; 3]],
+}
+
+impl Triangles<'_> {
+    fn corners(&self, triangle: u32) -> [DVec3; 3] {
+        self.triangles[triangle as usize].map(|v| self.positions[v as usize])
+    }
 }
 
 struct BvhNode {
@@ -33,7 +43,7 @@ const LEAF_TRIANGLES: usize = 4;
 pub(crate) struct ClosestPoint {
     /// Squared distance.
     pub(crate) distance2: f64,
-    /// Which triangle, as given to [`TriangleBvh::new`].
+    /// Which triangle.
     pub(crate) triangle: u32,
     /// Barycentric coordinates on it.
     pub(crate) barycentric: [f64; 3],
@@ -42,31 +52,25 @@ pub(crate) struct ClosestPoint {
 impl TriangleBvh {
     /// # Panics
     /// When there are no triangles: nothing is closest then.
-    pub(crate) fn new(triangles: &[[DVec3; 3]]) -> TriangleBvh {
-        assert!(!triangles.is_empty());
-        let centroids: Vec<DVec3> = triangles.iter().map(|t| t[0] + t[1] + t[2]).collect();
-        let mut order: Vec<u32> = (0..triangles.len() as u32).collect();
-        let mut nodes = Vec::with_capacity(triangles.len());
-        build(&mut nodes, &mut order, 0, triangles, &centroids);
-        let mut stored_from_original = vec![0; order.len()];
-        for (stored, &original) in order.iter().enumerate() {
-            stored_from_original[original as usize] = stored as u32;
-        }
-        let triangles = order.iter().map(|&i| triangles[i as usize]).collect();
-        TriangleBvh { nodes, triangles, original: order, stored_from_original }
+    pub(crate) fn new(of: Triangles<'_>) -> TriangleBvh {
+        let count = of.triangles.len();
+        assert!(count > 0);
+        let centroid = |t: u32| of.corners(t).iter().sum::<DVec3>();
+        let centroids: Vec<DVec3> = (0..count as u32).map(centroid).collect();
+        let mut order: Vec<u32> = (0..count as u32).collect();
+        let mut nodes = Vec::with_capacity(count);
+        build(&mut nodes, &mut order, 0, of, &centroids);
+        nodes.shrink_to_fit();
+        TriangleBvh { nodes, order }
     }
 
-    /// Corners of a triangle by the index it was given with.
-    pub(crate) fn corners(&self, original: u32) -> &[DVec3; 3] {
-        &self.triangles[self.stored_from_original[original as usize] as usize]
-    }
-
-    /// The point of the triangles that is closest to `p`; `hint` is a triangle likely to be near.
-    pub(crate) fn closest(&self, p: DVec3, hint: Option<u32>) -> ClosestPoint {
+    /// The point of the triangles, those that the hierarchy was made of, that is closest to `p`;
+    /// `hint` is a triangle likely to be near.
+    pub(crate) fn closest(&self, of: Triangles<'_>, p: DVec3, hint: Option<u32>) -> ClosestPoint {
         let mut best =
             ClosestPoint { distance2: f64::INFINITY, triangle: 0, barycentric: [1.0, 0.0, 0.0] };
         if let Some(triangle) = hint {
-            let (distance2, barycentric) = closest_on_triangle(p, self.corners(triangle));
+            let (distance2, barycentric) = closest_on_triangle(p, &of.corners(triangle));
             best = ClosestPoint { distance2, triangle, barycentric };
         }
         // Depth is logarithmic because splits are at the median.
@@ -82,10 +86,9 @@ impl TriangleBvh {
             let node = &self.nodes[index as usize];
             if node.count > 0 {
                 for i in node.first..node.first + node.count {
-                    let (distance2, barycentric) =
-                        closest_on_triangle(p, &self.triangles[i as usize]);
+                    let triangle = self.order[i as usize];
+                    let (distance2, barycentric) = closest_on_triangle(p, &of.corners(triangle));
                     if distance2 < best.distance2 {
-                        let triangle = self.original[i as usize];
                         best = ClosestPoint { distance2, triangle, barycentric };
                     }
                 }
@@ -109,13 +112,13 @@ fn build(
     nodes: &mut Vec<BvhNode>,
     order: &mut [u32],
     first: u32,
-    triangles: &[[DVec3; 3]],
+    of: Triangles<'_>,
     centroids: &[DVec3],
 ) {
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let (mut lo, mut hi) = (min, max);
     for &i in order.iter() {
-        for &corner in &triangles[i as usize] {
+        for corner in of.corners(i) {
             min = min.min(corner);
             max = max.max(corner);
         }
@@ -142,10 +145,10 @@ fn build(
         x.total_cmp(&y).then(a.cmp(&b))
     });
     let (left, right) = order.split_at_mut(middle);
-    build(nodes, left, first, triangles, centroids);
+    build(nodes, left, first, of, centroids);
     nodes[index].count = 0;
     nodes[index].first = nodes.len() as u32;
-    build(nodes, right, first + middle as u32, triangles, centroids);
+    build(nodes, right, first + middle as u32, of, centroids);
 }
 
 #[inline]
@@ -244,10 +247,14 @@ mod tests {
             soup in prop::collection::vec(prop::array::uniform3(vector()), 1..60),
             hint in 0u32..60,
         ) {
-            let bvh = TriangleBvh::new(&soup);
+            let positions: Vec<DVec3> = soup.iter().flatten().copied().collect();
+            let triangles: Vec<[u32; 3]> =
+                (0..soup.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+            let of = Triangles { positions: &positions, triangles: &triangles };
+            let bvh = TriangleBvh::new(of);
             let best = soup.iter().map(|t| closest_on_triangle(p, t).0).fold(f64::INFINITY, f64::min);
             let hint = (hint < soup.len() as u32).then_some(hint);
-            let found = bvh.closest(p, hint);
+            let found = bvh.closest(of, p, hint);
             prop_assert_eq!(found.distance2, best);
             prop_assert_eq!(closest_on_triangle(p, &soup[found.triangle as usize]).0, best);
         }

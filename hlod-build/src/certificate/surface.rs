@@ -4,7 +4,7 @@ use std::cell::OnceCell;
 
 use glam::{DVec3, Vec3};
 
-use crate::triangle_bvh::{TriangleBvh, closest_on_triangle};
+use crate::triangle_bvh::{TriangleBvh, Triangles, closest_on_triangle};
 
 /// What a point of a surface looks like.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -141,12 +141,9 @@ impl Surface {
     /// # Panics
     /// When there are no triangles.
     pub(crate) fn closest(&self, p: DVec3, hint: u32) -> Foot {
-        let bvh = self.bvh.get_or_init(|| {
-            let corners: Vec<_> =
-                (0..self.triangles.len()).map(|t| self.corners(t as u32)).collect();
-            TriangleBvh::new(&corners)
-        });
-        let found = bvh.closest(p, (hint != NONE).then_some(hint));
+        let of = Triangles { positions: &self.positions, triangles: &self.triangles };
+        let bvh = self.bvh.get_or_init(|| TriangleBvh::new(of));
+        let found = bvh.closest(of, p, (hint != NONE).then_some(hint));
         Foot {
             distance: found.distance2.sqrt(),
             triangle: found.triangle,

@@ -1,12 +1,14 @@
 //! Nodes of a part of the octree: subtrees from the scan's triangles, nodes above from those below,
 //! and the two files in which either is kept.
 //!
-//! `pages-…` holds pages one after the other. `nodes-…` holds records, whose pages' offsets count
-//! in that file, and the pieces that levels above gather.
+//! `pages-…` holds pages one after the other. `nodes-…` holds a table of the pieces that levels
+//! above gather, the records, whose pages' offsets count in that file, and the pieces.
 
-use std::io::Write;
-use std::path::Path;
+use std::io::{Read, Seek, SeekFrom, Write};
 
+use std::path::{Path, PathBuf};
+
+use bytemuck::{Pod, Zeroable};
 use hlod_compress::{CellKey, Mesh, NodeRecord, OctNormal};
 
 use super::scatter::{CutTriangle, Subtree};
@@ -14,7 +16,9 @@ use super::work_folder::WorkFolder;
 use crate::certificate::{Carried, Deviation};
 use crate::cone::ConeBuilder;
 use crate::error::BuildError;
-use crate::hierarchy::{BuiltNode, NodeError, Piece, Pieces, Setting, build_inner, build_subtree};
+use crate::hierarchy::{
+    BuiltNode, NODE_BYTES_A_TRIANGLE, NodeError, Piece, Pieces, Setting, build_inner, build_subtree,
+};
 use crate::partition::{Vertex, cut_into_leaves};
 use crate::simplify::Source;
 use crate::spill::RecordReader;
@@ -62,14 +66,24 @@ pub(crate) fn build_upper_step(
 ) -> Result<(), BuildError> {
     let names = Names::of(cell);
     folder.step(&names.step, &[&names.nodes, &names.pages], || {
-        let mut pieces = Pieces::new();
+        let files = parts.iter().map(|&part| folder.file(&Names::of(part).nodes));
+        let files: Vec<PathBuf> = files.collect();
+        // What will be gathered: leaves a level below, everything two levels below.
+        let (mut gathered, mut loaded) = (0, 0);
         let deepest = cell.depth() + 2;
-        for &part in parts {
-            for (below, piece) in read_pieces(&folder.file(&Names::of(part).nodes))? {
-                if below.depth() <= deepest {
-                    pieces.insert(below, piece);
-                }
+        for file in &files {
+            for row in PartFile::open(file)?.table {
+                let deep = row.depth == u64::from(deepest);
+                let is_used = deep || row.is_leaf != 0 && row.depth < u64::from(deepest);
+                gathered += if is_used { row.triangles } else { 0 };
+                loaded += if row.depth <= u64::from(deepest) { row.triangles } else { 0 };
             }
+        }
+        let needed = gathered * NODE_BYTES_A_TRIANGLE + loaded * PIECE_BYTES_A_TRIANGLE;
+        let _admitted = setting.admit(needed).map_err(|error| said(error, folder))?;
+        let mut pieces = Pieces::new();
+        for file in &files {
+            PartFile::open(file)?.pieces(deepest, &mut pieces)?;
         }
         let (node, piece) =
             build_inner(cell, &pieces, setting).map_err(|error| said(error, folder))?;
@@ -77,6 +91,9 @@ pub(crate) fn build_upper_step(
         write(folder, &names, vec![node], &Pieces::from([(cell, piece)]))
     })
 }
+
+/// Of a piece in memory.
+const PIECE_BYTES_A_TRIANGLE: u64 = 60;
 
 fn said(error: NodeError, folder: &WorkFolder) -> BuildError {
     match error {
@@ -119,38 +136,104 @@ fn write(
     let file = std::fs::File::create(&path).map_err(BuildError::io(&path, "create"))?;
     let mut pages = std::io::BufWriter::new(file);
     let mut offset = 0;
-    let mut out = Writer::default();
-    out.count(nodes.len());
+    let mut records = Writer::default();
+    records.count(nodes.len());
     for BuiltNode { mut record, pages: of_node } in nodes {
         for (representation, page) in record.representations.iter_mut().zip(of_node) {
             representation.page.offset = offset;
             offset += page.len() as u64;
             pages.write_all(&page).map_err(BuildError::io(&path, "write"))?;
         }
-        out.array(&record.to_bytes());
+        records.array(&record.to_bytes());
     }
     pages.flush().map_err(BuildError::io(&path, "write"))?;
-    out.count(pieces.len());
-    for (cell, piece) in pieces {
-        out.piece(*cell, piece);
-    }
+    let blobs: Vec<Vec<u8>> = pieces
+        .values()
+        .map(|piece| {
+            let mut blob = Writer::default();
+            blob.piece(piece);
+            blob.0
+        })
+        .collect();
+    let mut out = Writer::default();
+    let row = |((cell, piece), blob): ((&CellKey, &Piece), &Vec<u8>)| Row {
+        depth: cell.depth().into(),
+        morton: cell.morton(),
+        is_leaf: piece.is_leaf.into(),
+        triangles: piece.source.mesh.triangles.len() as u64,
+        bytes: blob.len() as u64,
+    };
+    out.array(&pieces.iter().zip(&blobs).map(row).collect::<Vec<_>>());
+    blobs.iter().for_each(|blob| out.0.extend_from_slice(blob));
+    out.0.extend_from_slice(&records.0);
     let path = folder.file(&names.nodes);
     std::fs::write(&path, out.0).map_err(BuildError::io(&path, "write"))
 }
 
-/// The records of a part.
-pub(crate) fn read_records(path: &Path) -> Result<Vec<NodeRecord>, BuildError> {
-    let bytes = std::fs::read(path).map_err(BuildError::io(path, "read"))?;
-    let mut reader = Reader { rest: &bytes, path };
-    reader.records()
+/// What the table says of a piece; pieces follow in the same order, then the records.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Row {
+    depth: u64,
+    morton: u64,
+    is_leaf: u64,
+    triangles: u64,
+    bytes: u64,
 }
 
-fn read_pieces(path: &Path) -> Result<Pieces, BuildError> {
-    let bytes = std::fs::read(path).map_err(BuildError::io(path, "read"))?;
+/// A part's file, open behind its table.
+struct PartFile<'a> {
+    path: &'a Path,
+    file: std::fs::File,
+    table: Vec<Row>,
+}
+
+impl PartFile<'_> {
+    fn open(path: &Path) -> Result<PartFile<'_>, BuildError> {
+        let mut file = std::fs::File::open(path).map_err(BuildError::io(path, "open"))?;
+        let mut count = [0; 8];
+        file.read_exact(&mut count).map_err(BuildError::io(path, "read"))?;
+        // A subtree has nine pieces at most: its root and the root's children.
+        let count = u64::from_le_bytes(count);
+        if count > 9 {
+            return Err(BuildError::Work { path: path.to_owned() });
+        }
+        let mut table = vec![Row::zeroed(); count as usize];
+        let bytes = bytemuck::cast_slice_mut(&mut table);
+        file.read_exact(bytes).map_err(BuildError::io(path, "read"))?;
+        Ok(PartFile { path, file, table })
+    }
+
+    /// The pieces down to a depth.
+    fn pieces(mut self, deepest: u8, into: &mut Pieces) -> Result<(), BuildError> {
+        for row in &self.table {
+            if row.depth > u64::from(deepest) {
+                let skipped = self.file.seek(SeekFrom::Current(row.bytes as i64));
+                skipped.map_err(BuildError::io(self.path, "read"))?;
+                continue;
+            }
+            let mut bytes = Vec::new();
+            let mut of_piece = (&self.file).take(row.bytes);
+            of_piece.read_to_end(&mut bytes).map_err(BuildError::io(self.path, "read"))?;
+            let cell = CellKey::from_parts(row.depth as u8, row.morton)
+                .map_err(BuildError::format(self.path))?;
+            let mut reader = Reader { rest: &bytes, path: self.path };
+            into.insert(cell, reader.piece(row.is_leaf != 0)?);
+        }
+        Ok(())
+    }
+}
+
+/// The records of a part.
+pub(crate) fn read_records(path: &Path) -> Result<Vec<NodeRecord>, BuildError> {
+    let PartFile { mut file, table, .. } = PartFile::open(path)?;
+    let pieces: u64 = table.iter().map(|row| row.bytes).sum();
+    let mut bytes = Vec::new();
+    file.seek(SeekFrom::Current(pieces as i64))
+        .and_then(|_| file.read_to_end(&mut bytes))
+        .map_err(BuildError::io(path, "read"))?;
     let mut reader = Reader { rest: &bytes, path };
-    reader.records()?;
-    let count = reader.count()?;
-    (0..count).map(|_| reader.piece()).collect()
+    reader.records()
 }
 
 /// Arrays of plain numbers, each with its length in front.
@@ -167,9 +250,8 @@ impl Writer {
         self.0.extend_from_slice(bytemuck::cast_slice(values));
     }
 
-    fn piece(&mut self, cell: CellKey, piece: &Piece) {
-        let Piece { source: Source { mesh, carried, smoothing }, is_leaf, cone, bounds } = piece;
-        self.array(&[u64::from(cell.depth()), cell.morton(), u64::from(*is_leaf)]);
+    fn piece(&mut self, piece: &Piece) {
+        let Piece { source: Source { mesh, carried, smoothing }, cone, bounds, .. } = piece;
         self.array(&[*smoothing]);
         self.array(cone.bins());
         self.array(bounds);
@@ -234,10 +316,7 @@ impl Reader<'_> {
             .collect()
     }
 
-    fn piece(&mut self) -> Result<(CellKey, Piece), BuildError> {
-        let [depth, morton, is_leaf] = self.one::<u64, 3>()?;
-        let cell =
-            CellKey::from_parts(depth as u8, morton).map_err(BuildError::format(self.path))?;
+    fn piece(&mut self, is_leaf: bool) -> Result<Piece, BuildError> {
         let [smoothing] = self.one::<f32, 1>()?;
         let cone = ConeBuilder::from_bins(self.one()?);
         let bounds = self.one::<[i32; 3], 2>()?;
@@ -253,6 +332,6 @@ impl Reader<'_> {
             Carried { forward: deviation(forward), backward: deviation(backward) }
         });
         let source = Source { mesh, carried: carried.collect(), smoothing };
-        Ok((cell, Piece { source, is_leaf: is_leaf != 0, cone, bounds }))
+        Ok(Piece { source, is_leaf, cone, bounds })
     }
 }
