@@ -20,6 +20,7 @@ use crate::hierarchy::{
     BuiltNode, NODE_BYTES_A_TRIANGLE, NodeError, Piece, Pieces, Setting, build_inner, build_subtree,
 };
 use crate::partition::{Vertex, cut_into_leaves};
+use crate::resources::give_back_memory;
 use crate::simplify::Source;
 use crate::spill::RecordReader;
 
@@ -167,7 +168,9 @@ fn write(
     blobs.iter().for_each(|blob| out.0.extend_from_slice(blob));
     out.0.extend_from_slice(&records.0);
     let path = folder.file(&names.nodes);
-    std::fs::write(&path, out.0).map_err(BuildError::io(&path, "write"))
+    std::fs::write(&path, out.0).map_err(BuildError::io(&path, "write"))?;
+    give_back_memory();
+    Ok(())
 }
 
 /// What the table says of a piece; pieces follow in the same order, then the records.
