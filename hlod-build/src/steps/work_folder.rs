@@ -27,7 +27,13 @@ pub(crate) struct InputStamp {
 
 impl InputStamp {
     pub(crate) fn of(path: &Path) -> Result<InputStamp, BuildError> {
-        let metadata = std::fs::metadata(path).map_err(BuildError::io(path, "open"))?;
+        let metadata = std::fs::metadata(path).map_err(|error| {
+            // The reader says it best.
+            match hlod_scan::ScanReader::open(path) {
+                Err(said) => BuildError::Scan(said),
+                Ok(_) => BuildError::io(path, "open")(error),
+            }
+        })?;
         let modified = metadata.modified().map_err(BuildError::io(path, "open"))?;
         let since = modified.duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
         let path = path.canonicalize().map_err(BuildError::io(path, "open"))?;
