@@ -1,9 +1,8 @@
 //! `./x demo`: a sample statue, its `.hlod`, and the viewer or pictures of it.
 
-use std::env::consts::EXE_SUFFIX;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 
 use crate::options::DemoOptions;
 use crate::system::{self, Machine, Need};
@@ -44,18 +43,18 @@ pub fn demo(options: &DemoOptions) -> Result<ExitCode, Failure> {
     let scan = folder.join(format!("statue-{}.ply", options.triangles));
     let model = folder.join(format!("statue-{}.hlod", options.triangles));
     if !run::root().join(&scan).exists() {
-        let mut synth = program("hlod-build")?;
+        let mut synth = run::program("hlod-build")?;
         synth.args(["synth", "statue", "--triangles", &options.triangles, "-o"]).arg(&scan);
         run::run(&mut synth)?;
     }
-    let mut build = program("hlod-build")?;
+    let mut build = run::program("hlod-build")?;
     run::run(
         build.arg("build").arg(&scan).arg("-o").arg(&model).args(["--unit", "mm", "--force"]),
     )?;
 
     // Show it.
     if with_window {
-        run::run(program("hlod-render")?.arg("view").arg(&model))?;
+        run::run(run::program("hlod-render")?.arg("view").arg(&model))?;
         println!("\nThe sample is {}, its levels of detail {}.", scan.display(), model.display());
         return Ok(ExitCode::SUCCESS);
     }
@@ -73,24 +72,16 @@ fn draw(model: &Path) -> Result<Vec<PathBuf>, Failure> {
     let mut written = Vec::new();
     for (name, arguments) in VIEWS {
         let picture = folder.join(format!("{name}.png"));
-        let mut shot = program("hlod-render")?;
+        let mut shot = run::program("hlod-render")?;
         shot.arg("shot").arg(model).arg("-o").arg(&picture).args(arguments);
         shot.args(["--size", "1000x1000", "--supersampling", "2"]);
         run::run(&mut shot)?;
         written.push(picture);
     }
     let plot = folder.join("orbit.svg");
-    let mut bench = program("hlod-render")?;
+    let mut bench = run::program("hlod-render")?;
     bench.arg("bench").arg(model).args(["--path", "bench-paths/orbit.json", "--plot"]).arg(&plot);
     run::run(&mut bench)?;
     written.push(plot);
     Ok(written)
-}
-
-/// One of the workspace's programs as built above, to be run at the repository's root.
-fn program(name: &str) -> Result<Command, Failure> {
-    let path = run::target_folder()?.join("release").join(format!("{name}{EXE_SUFFIX}"));
-    let mut command = Command::new(path);
-    command.current_dir(run::root());
-    Ok(command)
 }

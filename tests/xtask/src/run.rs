@@ -29,6 +29,14 @@ pub fn target_folder() -> Result<PathBuf, Failure> {
         .ok_or_else(|| Failure::Work("cannot find cargo's target folder".into()))
 }
 
+/// One of the workspace's programs, built for release, to be run at the repository's root.
+pub fn program(name: &str) -> Result<Command, Failure> {
+    let file = format!("{name}{}", std::env::consts::EXE_SUFFIX);
+    let mut command = Command::new(target_folder()?.join("release").join(file));
+    command.current_dir(root());
+    Ok(command)
+}
+
 /// Says how long a build will take, where nothing of it is there yet.
 pub fn announce_first_build(profile: &str, duration: &str) -> Result<(), Failure> {
     let libraries = target_folder()?.join(profile).join("deps");

@@ -1,9 +1,8 @@
 //! `./x scale`: how the build fares with models of growing size.
 
-use std::env::consts::EXE_SUFFIX;
 use std::fs;
 use std::path::Path;
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 
 use crate::options::ScaleOptions;
 use crate::system::{self, Need};
@@ -41,7 +40,7 @@ pub fn scale(options: &ScaleOptions) -> Result<ExitCode, Failure> {
         let json = |what: &str| folder.join(format!("statue-{triangles}.{what}.json"));
         let results = |what: &str| format!("--json={}", json(what).display());
         if !run::root().join(&scan).exists() {
-            let mut synth = program("hlod-build")?;
+            let mut synth = run::program("hlod-build")?;
             synth.args(["synth", "statue", "--triangles", triangles, "-o"]).arg(&scan);
             run::run(&mut synth)?;
         }
@@ -52,14 +51,14 @@ pub fn scale(options: &ScaleOptions) -> Result<ExitCode, Failure> {
                 Failure::Work(format!("cannot remove {}: {error}", unfinished.display()))
             })?;
         }
-        let mut build = program("hlod-build")?;
+        let mut build = run::program("hlod-build")?;
         build.arg("build").arg(&scan).arg("-o").arg(&model).args(["--unit", "mm", "--force"]);
         run::run(build.args(["--memory", &options.memory]).arg(results("build")))?;
-        let mut verify = program("hlod-build")?;
+        let mut verify = run::program("hlod-build")?;
         run::run(
             verify.arg("verify").arg(&model).args(["--share", "0.02"]).arg(results("verify")),
         )?;
-        let mut bench = program("hlod-render")?;
+        let mut bench = run::program("hlod-render")?;
         bench.arg("bench").arg(&model).args(["--path", "bench-paths/orbit.json"]);
         run::run(bench.args(["--frames", "40"]).arg(results("bench")))?;
 
@@ -91,14 +90,6 @@ fn number(text: &str, key: &str) -> Option<f64> {
     let (_, rest) = text.split_once(&format!("\"{key}\":"))?;
     let end = rest.find([',', '\n', '}'])?;
     rest[..end].trim().parse().ok()
-}
-
-/// One of the workspace's programs as built above, to be run at the repository's root.
-fn program(name: &str) -> Result<Command, Failure> {
-    let path = run::target_folder()?.join("release").join(format!("{name}{EXE_SUFFIX}"));
-    let mut command = Command::new(path);
-    command.current_dir(run::root());
-    Ok(command)
 }
 
 #[cfg(test)]
