@@ -185,6 +185,7 @@ fn other_builds_and_changed_inputs_are_refused() {
     let foreign = command(&model.scan, &output, &["--force"]).output().unwrap();
     assert_eq!(foreign.status.code(), Some(2), "{}", said(&foreign));
     assert_eq!(std::fs::read(work(&output).join("thesis.txt")).unwrap(), b"precious");
+    assert_eq!(std::fs::read_dir(work(&output)).unwrap().count(), 1, "something was added");
 }
 
 /// The system refuses more than what was allowed, and the file is the same as with plenty.

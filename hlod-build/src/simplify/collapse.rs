@@ -87,7 +87,7 @@ pub(super) struct Collapser<'a, const K: usize> {
     released: Vec<bool>,
     quadrics: Vec<Quadric<K>>,
     places: Vec<Place>,
-    /// How often what a vertex stands for was taken back; each time halves what it may lose.
+    /// How often what a vertex stands for was taken back; each time it may lose less: [`CAUTION`].
     caution: Vec<u8>,
     /// Which vertex a vertex was merged into; itself where none.
     merged_into: Vec<u32>,
@@ -601,8 +601,8 @@ impl<'a, const K: usize> Collapser<'a, K> {
         self.caution[b as usize] = self.caution[b as usize].max(self.caution[a as usize]);
     }
 
-    /// Takes back everything that was merged into the given vertices, and halves what those may
-    /// lose from now on. Says which source vertices stand for themselves again.
+    /// Takes back everything that was merged into the given vertices, which may lose less from now
+    /// on. Says which source vertices stand for themselves again.
     ///
     /// With `release`, what is wrong and pinned is never moved again.
     pub(super) fn restore(&mut self, wrong: impl Fn(u32) -> bool, release: bool) -> Vec<bool> {

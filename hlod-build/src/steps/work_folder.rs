@@ -17,6 +17,23 @@ use crate::progress::Progress;
 const JOURNAL: &str = "journal";
 const LOCK: &str = "lock";
 
+/// What the names of a build's files and folders begin with.
+const OWN: [&str; 13] = [
+    JOURNAL,
+    LOCK,
+    "vertices",
+    "triangles",
+    "ingest.json",
+    "placed",
+    "sums",
+    "survey",
+    "plan.json",
+    "scatter-join",
+    "cell-",
+    "nodes-",
+    "pages-",
+];
+
 /// An input as it was when the build began.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct InputStamp {
@@ -88,7 +105,6 @@ impl WorkFolder {
     /// When the folder holds an unfinished build or anything else.
     pub(crate) fn start(path: &Path, identity: &Identity) -> Result<WorkFolder, BuildError> {
         std::fs::create_dir_all(path).map_err(BuildError::io(path, "create"))?;
-        let lock = lock(path)?;
         let mut names = std::fs::read_dir(path).map_err(BuildError::io(path, "read"))?;
         let foreign = names.any(|entry| entry.is_ok_and(|e| e.file_name() != LOCK));
         if foreign {
@@ -97,8 +113,9 @@ impl WorkFolder {
                 path.display()
             )));
         }
+        let lock = lock(path)?;
         let journal = path.join(JOURNAL);
-        let mut file = File::create(&journal).map_err(BuildError::io(&journal, "create"))?;
+        let mut file = File::create_new(&journal).map_err(BuildError::io(&journal, "create"))?;
         append(&mut file, identity, &journal)?;
         Ok(WorkFolder {
             path: path.to_owned(),
@@ -247,9 +264,26 @@ impl WorkFolder {
         Ok(())
     }
 
-    /// Removes the folder: the build is finished.
+    /// Removes what builds write here, and the folder unless something else is in it.
     pub(crate) fn remove(self) -> Result<(), BuildError> {
-        std::fs::remove_dir_all(&self.path).map_err(BuildError::io(&self.path, "remove"))
+        let entries = std::fs::read_dir(&self.path).map_err(BuildError::io(&self.path, "read"))?;
+        for entry in entries {
+            let entry = entry.map_err(BuildError::io(&self.path, "read"))?;
+            let path = entry.path();
+            if OWN.iter().any(|own| entry.file_name().to_string_lossy().starts_with(own)) {
+                let removed = match path.is_dir() {
+                    true => std::fs::remove_dir_all(&path),
+                    false => std::fs::remove_file(&path),
+                };
+                removed.map_err(BuildError::io(&path, "remove"))?;
+            }
+        }
+        match std::fs::remove_dir(&self.path) {
+            Err(error) if error.kind() != std::io::ErrorKind::DirectoryNotEmpty => {
+                Err(BuildError::io(&self.path, "remove")(error))
+            }
+            _ => Ok(()),
+        }
     }
 }
 
