@@ -94,6 +94,53 @@ pub struct Slab {
     pub tiles: Vec<Tile>,
 }
 
+impl Slab {
+    /// Adds tiles of one sign where a neighbour's samples have the other: cells between the two hold
+    /// surface. There are none as long as bounds of the field hold; those of reliefs are what is met
+    /// in practice, and hundreds of millions of samples meet more.
+    pub fn complete(&mut self, above: &Slab, [nx, ny]: [usize; 2]) {
+        for y in 0..ny {
+            for x in 0..nx {
+                let state = self.index[y * nx + x];
+                if state != OUTSIDE && state != INSIDE {
+                    continue;
+                }
+                let differs = (1..8usize).any(|part| {
+                    let d = [part & 1, part >> 1 & 1, part >> 2];
+                    if x + d[0] >= nx || y + d[1] >= ny {
+                        return state == INSIDE;
+                    }
+                    let slab = if d[2] == 1 { above } else { &*self };
+                    let neighbour = slab.index[(y + d[1]) * nx + x + d[0]];
+                    match slab.tiles.get(neighbour as usize) {
+                        Some(tile) => tile.differs(d, state == INSIDE),
+                        None => neighbour != state,
+                    }
+                });
+                if differs {
+                    let value = if state == INSIDE { -1.0 } else { 1.0 };
+                    self.index[y * nx + x] = self.tiles.len() as u32;
+                    let samples = vec![value; CELLS].into_boxed_slice();
+                    self.tiles.push(Tile { at: [x, y], samples });
+                }
+            }
+        }
+    }
+}
+
+impl Tile {
+    /// Whether a sample next to the neighbour `d` tiles further down has another sign than inside.
+    fn differs(&self, d: [usize; 3], inside: bool) -> bool {
+        let [xs, ys, zs] = d.map(|d| if d == 1 { 0..1 } else { 0..TILE });
+        zs.into_iter().any(|z| {
+            ys.clone().any(|y| {
+                let row = &self.samples[(z * TILE + y) * TILE..][..TILE];
+                row[xs.clone()].iter().any(|value| (*value < 0.0) != inside)
+            })
+        })
+    }
+}
+
 /// A square of tiles in a slab as the search leaves it.
 enum Found {
     /// All of one sign.

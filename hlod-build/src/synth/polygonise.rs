@@ -74,6 +74,7 @@ pub fn polygonise_slabs<S: Sink>(
     let mut vertex_count = 0u32;
     for k in 0..slabs {
         let above = sample(k + 1);
+        slab.complete(&above, [grid.tiles[0], grid.tiles[1]]);
         // Find the cells that hold surface, place their vertices, and number them in order.
         let (patterns, meshes) = slab
             .tiles

@@ -105,16 +105,18 @@ fn closed_oriented_and_one_ball() {
     }
 }
 
-#[test]
-fn closed_where_two_sheets_share_cells() {
-    // Signs at random in one tile meet every ambiguous case; its neighbours are outside, but
-    // have samples, as those of a tile with surface on its rim have.
+/// Signs at random in one tile meet every ambiguous case; its neighbours are outside, with samples
+/// or, as where a bound of the field missed a rim of it, without.
+fn random_tile(neighbours_have_samples: bool) -> Mesh {
     let grid = Grid::new(12.0);
     let sample = |k: usize| {
         let mut slab =
             grid::Slab { index: vec![OUTSIDE; grid.tiles[0] * grid.tiles[1]], tiles: Vec::new() };
         for at in (0..9).map(|n| [n % 3, n / 3]).filter(|_| k < 3) {
             let random = k == 1 && at == [1, 1];
+            if !random && !neighbours_have_samples {
+                continue;
+            }
             let sign = |i: u64| {
                 if random && noise::hash64(i) & 1 == 0 { -1.0 - (i % 7) as f32 } else { 1.0 }
             };
@@ -126,8 +128,21 @@ fn closed_where_two_sheets_share_cells() {
     let noise = ScannerNoise { sigma: 0.0, seed: 0 };
     let mut mesh = Mesh::default();
     let Ok(()) = polygonise::polygonise_slabs(&grid, sample, noise, &mut mesh);
+    mesh
+}
+
+#[test]
+fn closed_where_two_sheets_share_cells() {
+    let mesh = random_tile(true);
     assert!(mesh.triangles.len() > 5_000);
     assert_closed(&directed_edges(&mesh));
+}
+
+#[test]
+fn closed_where_a_tile_was_missed() {
+    let (mesh, whole) = (random_tile(false), random_tile(true));
+    assert_closed(&directed_edges(&mesh));
+    assert_eq!(mesh.triangles.len(), whole.triangles.len());
 }
 
 #[test]
