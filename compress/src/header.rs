@@ -180,6 +180,9 @@ pub struct Header {
     pub resolution: u32,
     /// Build option T: no leaf holds more triangles.
     pub leaf_triangles: u32,
+    /// Build option: differences of normals below this many times the normals' noise in a node did
+    /// not count as shading.
+    pub normal_noise: f32,
     /// Attributes that pages carry.
     pub attributes: Vec<AttributeDeclaration>,
     /// Number of octree nodes.
@@ -214,6 +217,7 @@ impl Header {
         w.u64(self.triangles_input);
         w.u32(self.resolution);
         w.u32(self.leaf_triangles);
+        w.f32(self.normal_noise);
         w.u64(self.nodes);
         w.u64(self.skeleton_bytes);
         self.root_block.write(&mut w);
@@ -305,6 +309,10 @@ impl Header {
         }
         let triangles_input = r.u64()?;
         let (resolution, leaf_triangles) = (r.u32()?, r.u32()?);
+        let normal_noise = r.f32()?;
+        if !(normal_noise >= 0.0 && normal_noise.is_finite()) {
+            return Err(bad("no share of noise"));
+        }
         let (nodes, skeleton_bytes) = (r.u64()?, r.u64()?);
         let root_block = BlockRef::read(&mut r)?;
         let (front_bytes, file_bytes) = (r.u64()?, r.u64()?);
@@ -347,6 +355,7 @@ impl Header {
             triangles_input,
             resolution,
             leaf_triangles,
+            normal_noise,
             attributes,
             nodes,
             skeleton_bytes,

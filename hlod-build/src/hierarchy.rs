@@ -47,6 +47,7 @@ pub(crate) type Pieces = BTreeMap<CellKey, Piece>;
 pub(crate) struct Setting<'a> {
     pub(crate) lattice: Lattice,
     pub(crate) resolution: u32,
+    pub(crate) normal_noise: f32,
     pub(crate) closed_oriented: bool,
     /// Keeps nodes that are worked on at a time within memory.
     pub(crate) gate: &'a Gate,
@@ -185,7 +186,7 @@ pub(crate) fn build_inner(
     // of the budget everywhere must be enough for the least that a step may do.
     let width = 2.0 * source.distance() + 2.0;
     close_seams(&mut source, width, (1.0 - LEAST_SHARE) * whole, &cube);
-    let budget = budget(cell, lattice, setting.resolution, &source);
+    let budget = budget(cell, setting, &source);
     let Both { appearance, geometric } = simplify(&source, &budget);
     drop(source);
 
@@ -234,14 +235,16 @@ fn merge(
 }
 
 /// The error budget, edge ÷ resolution, less what the source already lost.
-fn budget(cell: CellKey, lattice: &Lattice, resolution: u32, source: &Source) -> Budget {
+fn budget(cell: CellKey, setting: &Setting<'_>, source: &Source) -> Budget {
+    let lattice = &setting.lattice;
     let cell_units = lattice.cell_units(cell.depth());
-    let whole = f64::from(cell_units) / f64::from(resolution);
+    let whole = f64::from(cell_units) / f64::from(setting.resolution);
     // The largest step ≤ ε/8, and no larger than what still contains the cell's faces.
     let grid_shift = (whole / 8.0).log2().floor().max(0.0) as u8;
     Budget {
         whole,
         distance: Budget::left_by_most(whole, source),
+        normal_noise: setting.normal_noise,
         grid_shift: grid_shift.min(lattice.depth_max - cell.depth()),
         cell_min: lattice.cell_min(cell),
         cell_units,

@@ -29,6 +29,8 @@ pub struct Info {
     pub resolution: u32,
     /// Build option T.
     pub leaf_triangles: u32,
+    /// Differences of normals below this many times their noise did not count as shading.
+    pub normal_noise: f32,
     /// Attributes of vertices.
     pub attributes: Vec<String>,
     /// The inputs: base name, bytes, SHA-256.
@@ -129,6 +131,7 @@ pub fn info(path: &Path) -> Result<Info, BuildError> {
         precision_step: header.lattice.step,
         resolution: header.resolution,
         leaf_triangles: header.leaf_triangles,
+        normal_noise: header.normal_noise,
         attributes: header.attributes.iter().map(|a| a.name.clone()).collect(),
         sources: header
             .sources

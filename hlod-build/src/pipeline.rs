@@ -16,6 +16,7 @@ use crate::error::BuildError;
 use crate::gate::Gate;
 use crate::hierarchy::{NODE_BYTES_A_TRIANGLE, Setting};
 use crate::ingest::Precision;
+use crate::oddities::Oddities;
 use crate::output::check_output;
 use crate::progress::{Progress, Unit};
 use crate::resources::{Costs, Meter};
@@ -35,6 +36,9 @@ pub struct BuildOptions {
     pub leaf_triangles: u32,
     /// Step of the leaves' lattice in the scan's unit; detected or estimated where `None`.
     pub precision: Option<f64>,
+    /// Differences of normals below this many times their noise in a node do not count as shading
+    /// (α_tol); one step of an 8-bit shade never does.
+    pub normal_noise: f32,
     /// The unit of the scan's coordinates.
     pub unit: hlod_compress::Unit,
     /// Which way is up.
@@ -52,12 +56,13 @@ pub struct BuildOptions {
 }
 
 impl Default for BuildOptions {
-    /// R = 256 and T = 16,384, unit unknown, +y up, front towards +z; 4 GiB of memory.
+    /// R = 256, T = 16,384, twice the noise of normals, unit unknown, +y up, front towards +z; 4 GiB of memory.
     fn default() -> Self {
         BuildOptions {
             resolution: 256,
             leaf_triangles: 16_384,
             precision: None,
+            normal_noise: NORMAL_NOISE,
             unit: hlod_compress::Unit::Unknown,
             up: SignedAxis::PLUS_Y,
             front: SignedAxis::PLUS_Z,
@@ -68,6 +73,10 @@ impl Default for BuildOptions {
         }
     }
 }
+
+/// As coarse as pictures of statues allow that are to differ from full resolution by less than a
+/// pixel; see bench-paths/RESULTS.md.
+const NORMAL_NOISE: f32 = 2.0;
 
 /// What a build did; the keys are stable.
 #[derive(Debug, Serialize)]
@@ -88,6 +97,11 @@ pub struct BuildReport {
     pub precision: Precision,
     /// Whether the surface bounds a volume and faces outwards.
     pub closed_oriented: bool,
+    /// Vertices of no triangle, left out.
+    pub vertices_unused: u64,
+    /// What is odd about the triangles.
+    #[serde(flatten)]
+    pub oddities: Oddities,
     /// Time and memory.
     #[serde(flatten)]
     pub costs: Costs,
@@ -136,6 +150,7 @@ struct Built {
     account: Account,
     survey: Survey,
     header: Header,
+    oddities: Oddities,
 }
 
 /// The build: each step reads what those before have written.
@@ -164,6 +179,7 @@ fn run_steps(
     let setting = Setting {
         lattice: survey.lattice(),
         resolution: options.resolution,
+        normal_noise: options.normal_noise,
         closed_oriented: survey.closed_oriented,
         gate: &gate,
         progress,
@@ -178,9 +194,9 @@ fn run_steps(
     meter.finish_stage("upper levels");
 
     let header = header(options, &account, &survey);
-    let header = assemble(folder, &parts, header, output, progress)?;
+    let (header, oddities) = assemble(folder, &parts, header, output, progress)?;
     meter.finish_stage("write");
-    Ok(Built { account, survey, header })
+    Ok(Built { account, survey, header, oddities })
 }
 
 /// Subtrees, largest first, two at a time: while one has only its last nodes left, the other keeps
@@ -323,6 +339,7 @@ fn open_folder(
             "resolution": options.resolution,
             "leaf_triangles": options.leaf_triangles,
             "precision": options.precision,
+            "normal_noise": options.normal_noise,
         }),
         inputs: inputs.iter().map(|input| InputStamp::of(input)).collect::<Result<_, _>>()?,
     };
@@ -345,7 +362,9 @@ fn open_folder(
 
 impl Built {
     fn report(self, output: &Path, costs: Costs) -> BuildReport {
-        let Built { account, survey, header } = self;
+        let Built { account, survey, header, oddities } = self;
+        // Of equal vertices of a soup only the first is used, which is not odd.
+        let welded: u64 = account.reports.iter().map(|r| r.vertices_welded).sum();
         BuildReport {
             output: output.to_owned(),
             bytes_total: header.file_bytes,
@@ -355,6 +374,8 @@ impl Built {
             precision_step: survey.step,
             precision: survey.precision,
             closed_oriented: survey.closed_oriented,
+            vertices_unused: survey.vertices_unused.saturating_sub(welded),
+            oddities,
             costs,
             inputs: account.reports,
         }
@@ -386,6 +407,7 @@ fn header(options: &BuildOptions, account: &Account, survey: &Survey) -> Header 
         triangles_input: account.reports.iter().map(triangles_read).sum(),
         resolution: options.resolution,
         leaf_triangles: options.leaf_triangles,
+        normal_noise: options.normal_noise,
         attributes,
         // Filled in when the file is laid out.
         nodes: 0,

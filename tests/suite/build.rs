@@ -120,6 +120,74 @@ fn the_bunny_with_its_holes_is_what_it_was() {
     assert!(!verified.is_refuted(), "{:?}", verified.problems);
 }
 
+/// What readers of scans have to expect is built as it is, within its bounds, and counted.
+#[test]
+fn odd_surfaces_are_built_and_counted() {
+    use std::fmt::Write;
+    let folder = tempfile::tempdir().unwrap();
+    let [plain, ply, hlod] = ["plain.ply", "odd.ply", "odd.hlod"].map(|n| folder.path().join(n));
+    std::fs::write(&plain, bumpy_ball(60)).unwrap();
+    let ball = hlod_scan::load(std::slice::from_ref(&plain), &mut |_, _| {}).unwrap();
+    let normal = |p: &glam::DVec3| p.normalize_or_zero().to_array();
+    let mut vertices: Vec<[[f64; 3]; 2]> =
+        ball.positions.iter().map(|p| [p.to_array(), normal(p)]).collect();
+    let mut faces = ball.triangles.clone();
+    // Normals of no length, which are made up for.
+    (100..104).for_each(|v| vertices[v][1] = [0.0; 3]);
+    // Single vertices, an inverted triangle, a repeated corner and three times the same sheet.
+    vertices.extend([[[0.5; 3], [0.0, 0.0, 1.0]]; 3]);
+    faces[3000].reverse();
+    faces.push([7, 7, 9]);
+    for _ in 0..2 {
+        faces.extend_from_within(500..550);
+    }
+    // A cloud of tetrahedra, each smaller than the error of the upper levels.
+    for i in 0..2000u32 {
+        let angle = f64::from(i) * 2.4;
+        let height = f64::from(i) / 1000.0 - 1.0;
+        let round = 1.5 * (1.0 - height * height).sqrt();
+        let centre = [round * angle.cos(), 1.5 * height, round * angle.sin()];
+        let first = vertices.len() as u32;
+        for corner in [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]] {
+            vertices.push([std::array::from_fn(|k| centre[k] + 0.003 * corner[k]), corner]);
+        }
+        let corners = [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]];
+        faces.extend(corners.map(|t| t.map(|c| first + c)));
+    }
+    let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n", vertices.len());
+    ["x", "y", "z", "nx", "ny", "nz"]
+        .iter()
+        .for_each(|name| writeln!(text, "property float {name}").unwrap());
+    writeln!(text, "element face {}", faces.len()).unwrap();
+    text += "property list uchar int vertex_indices\nend_header\n";
+    for [[x, y, z], [nx, ny, nz]] in &vertices {
+        writeln!(text, "{x} {y} {z} {nx} {ny} {nz}").unwrap();
+    }
+    faces.iter().for_each(|[a, b, c]| writeln!(text, "3 {a} {b} {c}").unwrap());
+    std::fs::write(&ply, text).unwrap();
+
+    // One leaf counts everything once.
+    let report = built(&ply, &hlod, |o| o.force = true);
+    assert_eq!(report.vertices_unused, 3);
+    assert_eq!(report.inputs[0].normals_absent, 4);
+    assert_eq!(report.inputs[0].degenerate_faces, 1);
+    let odd = report.oddities;
+    assert_eq!((odd.triangles_duplicate, odd.edges_inverted), (100, 3), "{odd:?}");
+    assert_eq!((odd.edges_open, odd.edges_nonmanifold), (0, 0), "{odd:?}");
+    assert!(!report.closed_oriented);
+
+    for resolution in [16, 64] {
+        built(&ply, &hlod, |o| {
+            o.force = true;
+            o.leaf_triangles = 1000;
+            o.resolution = resolution;
+        });
+        let verified = verify(&hlod, std::slice::from_ref(&ply), 1.0, &Silent).unwrap();
+        assert!(!verified.is_refuted(), "R = {resolution}: {:?}", verified.problems);
+        assert!(verified.nodes > 8);
+    }
+}
+
 /// A file whose stored error is a lie is refuted.
 #[test]
 fn a_planted_error_that_is_too_small_is_caught() {

@@ -20,6 +20,7 @@ fn header() -> Header {
         triangles_input: 99,
         resolution: 256,
         leaf_triangles: 16_384,
+        normal_noise: 2.0,
         attributes: Vec::new(),
         nodes: 0,
         skeleton_bytes: 0,

@@ -75,6 +75,10 @@ pub struct BuildArgs {
     /// quantised, else a sixteenth of its short edges].
     #[arg(long, value_parser = positive)]
     pub precision: Option<f64>,
+    /// Differences of normals below this many times their noise are not shading; more gives fewer
+    /// triangles.
+    #[arg(long, default_value_t = 2.0, value_name = "FACTOR", value_parser = not_negative)]
+    pub normal_noise: f32,
     /// Memory the build may use, as in 512MiB or 4GiB; what does not fit goes to the work folder.
     #[arg(long, default_value = "4GiB", value_parser = byte_count)]
     pub memory: u64,
@@ -110,6 +114,13 @@ fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
         _ => Err("expected a positive number".into()),
+    }
+}
+
+fn not_negative(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(value) if value >= 0.0 && value.is_finite() => Ok(value),
+        _ => Err("expected a number, 0 or more".into()),
     }
 }
 
@@ -151,6 +162,7 @@ impl BuildArgs {
         Ok(BuildOptions {
             resolution: self.resolution,
             leaf_triangles: self.leaf_triangles,
+            normal_noise: self.normal_noise,
             precision: self.precision,
             unit: self.unit,
             up: self.up,

@@ -70,15 +70,35 @@ pub fn build(report: &BuildReport) -> String {
         sum(|s| s.bytes_read),
         sum(|s| s.bytes_written),
     ]);
+    let odd = odd(report).map_or(String::new(), |odd| format!("\nodd: {odd}"));
     let rate = report.triangles_input as f64 / costs.cpu_secs.max(1e-9) / 1e3;
     format!(
-        "{}: {} in {} nodes, {:.2} bytes a triangle\n{stages}\n{} triangles, {rate:.0} K a CPU second",
+        "{}: {} in {} nodes, {:.2} bytes a triangle\n{stages}\n{} triangles, {rate:.0} K a CPU second{odd}",
         report.output.display(),
         megabytes(report.bytes_total),
         report.nodes,
         report.bytes_total as f64 / report.triangles_input.max(1) as f64,
         grouped(report.triangles_input),
     )
+}
+
+/// What is odd about the scans, in words; nothing where nothing is.
+fn odd(report: &BuildReport) -> Option<String> {
+    let odd = &report.oddities;
+    let no_normal: u64 = report.inputs.iter().map(|input| input.normals_absent).sum();
+    let counts = [
+        (report.vertices_unused, "vertices of no triangle"),
+        (no_normal, "normals of no length"),
+        (report.triangles_degenerate, "triangles without an area"),
+        (odd.triangles_duplicate, "duplicate triangles"),
+        (odd.edges_open, "open edges"),
+        (odd.edges_inverted, "edges between opposite orientations"),
+        (odd.edges_nonmanifold, "edges of three and more triangles"),
+    ];
+    let found = counts.iter().filter(|(count, _)| *count > 0);
+    let said: Vec<String> =
+        found.map(|(count, what)| format!("{} {what}", grouped(*count))).collect();
+    (!said.is_empty()).then(|| said.join(", "))
 }
 
 /// What a reader skipped or repaired, in words.
@@ -143,7 +163,7 @@ pub fn info(info: &Info) -> String {
         .collect();
     format!(
         "from         {}\nsize         {}, up {}, front {}\nprecision    {}\n\
-         triangles    {} read, {} nodes, R = {}, T = {}\nattributes   {}\nsurface      {}\n\
+         triangles    {} read, {} nodes, R = {}, T = {}, {} × noise\nattributes   {}\nsurface      {}\n\
          errors       {} against the scan file; {}\n\n{parts}\n\n{levels}\n\
          (triangles, points and normals: means a node; errors, of shape and of what is seen: the\n\
          largest of a depth, in the scan's unit)",
@@ -156,6 +176,7 @@ pub fn info(info: &Info) -> String {
         grouped(info.nodes),
         info.resolution,
         info.leaf_triangles,
+        info.normal_noise,
         info.attributes.join(", "),
         if info.closed_oriented {
             "closed, facing outwards"

@@ -36,6 +36,8 @@ pub(crate) struct Budget {
     pub(crate) whole: f64,
     /// What most of the source leaves of it for this step's distance.
     pub(crate) distance: f64,
+    /// Differences of normals below this many times their noise do not count.
+    pub(crate) normal_noise: f32,
     /// Positions are rounded to multiples of `2^grid_shift`.
     pub(crate) grid_shift: u8,
     /// Lowest corner of the cell.
@@ -155,7 +157,7 @@ fn run<const K: usize>(source: &Source, budget: &Budget) -> Both {
     }
     let mut collapser = Collapser::new(&vertices, &prepared.surface.triangles);
 
-    let tolerance = (NOISE * prepared.normal_noise).max(NORMAL_STEP);
+    let tolerance = (budget.normal_noise * prepared.normal_noise).max(NORMAL_STEP);
     let attributes = AttributeLimits {
         length: NORMAL_LENGTH * budget.distance,
         tolerance: tolerance.into(),
@@ -166,7 +168,8 @@ fn run<const K: usize>(source: &Source, budget: &Budget) -> Both {
         origin: DVec3::from_array(budget.cell_min.map(f64::from)) - centre,
         attributes: Some(attributes),
     };
-    let shading = Shading { noise: NOISE, step: NORMAL_STEP, reach: attributes.reach };
+    let shading =
+        Shading { noise: budget.normal_noise, step: NORMAL_STEP, reach: attributes.reach };
     let chains = simplify_chains(&source.mesh, budget, &shading);
     let pins: Vec<Pin<K>> = chains.pins.iter().map(|pin| pin_at(pin, centre)).collect();
     let pin_of = |geometric: bool| -> Vec<u32> {
@@ -198,12 +201,9 @@ struct Step<'a> {
 }
 
 /// Lost normals may be found again this many budgets away, as quadrics see it: with it, and with
-/// [`NOISE`], pictures of statues differ from full resolution by less than a pixel; see
+/// twice the noise of normals, pictures of statues differ from full resolution by less than a pixel; see
 /// bench-paths/RESULTS.md.
 const REACH: f64 = 3.0;
-
-/// Differences of normals below this many times their noise do not count.
-const NOISE: f32 = 2.0;
 
 /// ε_vis is taken over this share of the source's area. Each triangle's part in it comes from
 /// bounds, of angles as of distances, and is several times what pictures show: with larger shares

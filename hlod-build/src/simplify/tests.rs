@@ -7,7 +7,14 @@ use super::*;
 const CELL: u32 = 1 << 16;
 
 fn budget(distance: f64) -> Budget {
-    Budget { whole: distance, distance, grid_shift: 2, cell_min: [0; 3], cell_units: CELL }
+    Budget {
+        whole: distance,
+        distance,
+        normal_noise: 2.0,
+        grid_shift: 2,
+        cell_min: [0; 3],
+        cell_units: CELL,
+    }
 }
 
 fn source(mesh: Mesh) -> Source {

@@ -10,22 +10,27 @@ use hlod_compress::{CellKey, FileWriter, FormatError, Header, RepresentationKind
 use super::nodes::{Names, read_records};
 use super::work_folder::WorkFolder;
 use crate::error::BuildError;
+use crate::oddities::Oddities;
 use crate::output::Aside;
 use crate::progress::{Progress, Unit};
 
-/// Writes `output`, which takes its name only when it is on disk.
+/// Writes `output`, which takes its name only when it is on disk. Gives its header and what is odd
+/// about the scan.
 pub(crate) fn assemble(
     folder: &WorkFolder,
     parts: &[CellKey],
     header: Header,
     output: &Path,
     progress: &dyn Progress,
-) -> Result<Header, BuildError> {
+) -> Result<(Header, Oddities), BuildError> {
     let mut records = Vec::new();
+    let mut oddities = Oddities::default();
     // Where each page is: which part, its place there.
     let mut places: HashMap<(CellKey, RepresentationKind), (usize, u64, usize)> = HashMap::new();
     for (part, &cell) in parts.iter().enumerate() {
-        for record in read_records(&folder.file(&Names::of(cell).nodes))? {
+        let (of_part, odd) = read_records(&folder.file(&Names::of(cell).nodes))?;
+        oddities = oddities.plus(odd);
+        for record in of_part {
             for r in &record.representations {
                 let place = (part, r.page.offset, r.page.page_bytes as usize);
                 places.insert((record.cell, r.kind), place);
@@ -64,7 +69,7 @@ pub(crate) fn assemble(
     drop(out);
     aside.commit(output)?;
     progress.end();
-    Ok(writer.header().clone())
+    Ok((writer.header().clone(), oddities))
 }
 
 /// What can go wrong while pages are copied: with the output, or with what they come from.

@@ -55,7 +55,8 @@ pub(crate) enum Event<V> {
 /// Triangles handed over at once.
 const BATCH: usize = 1 << 16;
 
-/// Hands out every triangle once, in batches, in an order that depends on `memory_bytes`.
+/// Hands out every triangle once, in batches, in an order that depends on `memory_bytes`. Gives the
+/// number of vertices that no triangle has.
 ///
 /// `scratch` is a folder for files that are gone when this returns.
 pub(crate) fn join<V: Pod>(
@@ -64,7 +65,7 @@ pub(crate) fn join<V: Pod>(
     scratch: &Path,
     memory_bytes: usize,
     mut consume: impl FnMut(Event<V>) -> Result<(), BuildError>,
-) -> Result<(), BuildError> {
+) -> Result<u64, BuildError> {
     let vertex_count = RecordReader::<V>::open(vertices)?.left() as usize;
     // Half for the window, half for what goes to and from files.
     let window = (memory_bytes / 2 / size_of::<V>()).max(1024);
@@ -72,9 +73,11 @@ pub(crate) fn join<V: Pod>(
         let all: Vec<V> = RecordReader::all(vertices)?;
         let mut reader = RecordReader::<[u32; 3]>::open(triangles)?;
         let mut index = 0;
+        let mut is_used = vec![false; vertex_count];
         consume(Event::Window { first: 0, count: vertex_count })?;
         while reader.left() > 0 {
             let batch = reader.next(BATCH)?;
+            batch.as_flattened().iter().for_each(|&v| is_used[v as usize] = true);
             let joined = batch.iter().enumerate().map(|(i, t)| Joined {
                 index: index + i as u64,
                 vertices: *t,
@@ -83,11 +86,17 @@ pub(crate) fn join<V: Pod>(
             consume(Event::Triangles(joined.collect()))?;
             index += batch.len() as u64;
         }
-        return Ok(());
+        return Ok(unused(&is_used));
     }
     std::fs::create_dir_all(scratch).map_err(BuildError::io(scratch, "create"))?;
-    join_in_windows(vertices, triangles, scratch, window, memory_bytes / 2, &mut consume)?;
-    std::fs::remove_dir_all(scratch).map_err(BuildError::io(scratch, "remove"))
+    let unused =
+        join_in_windows(vertices, triangles, scratch, window, memory_bytes / 2, &mut consume)?;
+    std::fs::remove_dir_all(scratch).map_err(BuildError::io(scratch, "remove"))?;
+    Ok(unused)
+}
+
+fn unused(is_used: &[bool]) -> u64 {
+    is_used.iter().filter(|used| !**used).count() as u64
 }
 
 fn join_in_windows<V: Pod>(
@@ -97,7 +106,7 @@ fn join_in_windows<V: Pod>(
     window: usize,
     buffer_bytes: usize,
     consume: &mut impl FnMut(Event<V>) -> Result<(), BuildError>,
-) -> Result<(), BuildError> {
+) -> Result<u64, BuildError> {
     let mut vertex_reader = RecordReader::<V>::open(vertices)?;
     let windows = (vertex_reader.left() as usize).div_ceil(window);
     let mut reader = RecordReader::<[u32; 3]>::open(triangles)?;
@@ -133,8 +142,10 @@ fn join_in_windows<V: Pod>(
 
     let mut answers = Buckets::<V>::create(answer_files.clone(), buffer_bytes / 2)?;
     let mut corners = Buckets::<Request>::create(corner_files.clone(), buffer_bytes / 2)?;
+    let mut vertices_unused = 0;
     for w in 0..windows {
         let loaded = vertex_reader.next(window)?;
+        let mut is_used = vec![false; loaded.len()];
         let at = |v: usize| loaded[v - w * window];
         consume(Event::Window { first: (w * window) as u64, count: loaded.len() })?;
         let mut reader = RecordReader::<Local>::open(&local_files[w])?;
@@ -142,7 +153,10 @@ fn join_in_windows<V: Pod>(
             let joined = reader.next(BATCH)?.into_iter().map(|local| Joined {
                 index: local.index,
                 vertices: local.corners,
-                corners: local.corners.map(|v| at(v as usize)),
+                corners: local.corners.map(|v| {
+                    is_used[v as usize - w * window] = true;
+                    at(v as usize)
+                }),
             });
             consume(Event::Triangles(joined.collect()))?;
         }
@@ -151,11 +165,13 @@ fn join_in_windows<V: Pod>(
         while reader.left() > 0 {
             for request in reader.next(BATCH)? {
                 let r = (request.slot / 3) as usize / range;
+                is_used[request.vertex as usize - w * window] = true;
                 answers.put(r, at(request.vertex as usize))?;
                 corners.put(r, request)?;
             }
         }
         remove(&request_files[w])?;
+        vertices_unused += unused(&is_used);
     }
     answers.finish()?;
     corners.finish()?;
@@ -177,7 +193,7 @@ fn join_in_windows<V: Pod>(
             consume(Event::Triangles(joined.collect()))?;
         }
     }
-    Ok(())
+    Ok(vertices_unused)
 }
 
 fn remove(path: &Path) -> Result<(), BuildError> {
@@ -210,20 +226,24 @@ mod tests {
         let mut writer = RecordWriter::<[u32; 3]>::create(&triangles).unwrap();
         writer.put(&list).unwrap();
         writer.finish().unwrap();
+        let mut used = vec![false; count as usize];
+        list.as_flattened().iter().for_each(|&v| used[v as usize] = true);
         for memory in [1, 100_000, 1 << 24] {
             let mut seen = vec![false; list.len()];
-            join::<u64>(&vertices, &triangles, &folder.path().join("s"), memory, |event| {
-                let Event::Triangles(batch) = event else { return Ok(()) };
-                for joined in batch {
-                    let i = joined.index as usize;
-                    assert!(!std::mem::replace(&mut seen[i], true));
-                    assert_eq!(joined.vertices, list[i]);
-                    assert_eq!(joined.corners, list[i].map(|v| u64::from(v).pow(2) + 7));
-                }
-                Ok(())
-            })
-            .unwrap();
+            let left =
+                join::<u64>(&vertices, &triangles, &folder.path().join("s"), memory, |event| {
+                    let Event::Triangles(batch) = event else { return Ok(()) };
+                    for joined in batch {
+                        let i = joined.index as usize;
+                        assert!(!std::mem::replace(&mut seen[i], true));
+                        assert_eq!(joined.vertices, list[i]);
+                        assert_eq!(joined.corners, list[i].map(|v| u64::from(v).pow(2) + 7));
+                    }
+                    Ok(())
+                })
+                .unwrap();
             assert!(seen.iter().all(|&s| s), "memory {memory}");
+            assert!(left > 0 && left == unused(&used), "memory {memory}: {left} unused");
         }
     }
 }

@@ -1,25 +1,28 @@
 //! Nodes of a part of the octree: subtrees from the scan's triangles, nodes above from those below,
 //! and the two files in which either is kept.
 //!
-//! `pages-…` holds pages one after the other. `nodes-…` holds a table of the pieces that levels
-//! above gather, the records, whose pages' offsets count in that file, and the pieces.
+//! `pages-…` holds pages one after the other. `nodes-…` holds what is odd about the scan there, a
+//! table of the pieces that levels above gather, the pieces, and the records, whose pages' offsets
+//! count in the other file.
 
 use std::io::{Read, Seek, SeekFrom, Write};
-
 use std::path::{Path, PathBuf};
 
 use bytemuck::{Pod, Zeroable};
 use hlod_compress::{CellKey, Mesh, NodeRecord, OctNormal};
+use rayon::prelude::*;
 
 use super::scatter::{CutTriangle, Subtree};
 use super::work_folder::WorkFolder;
+use crate::borders::Cube;
 use crate::certificate::{Carried, Deviation};
 use crate::cone::ConeBuilder;
 use crate::error::BuildError;
 use crate::hierarchy::{
     BuiltNode, NODE_BYTES_A_TRIANGLE, NodeError, Piece, Pieces, Setting, build_inner, build_subtree,
 };
-use crate::partition::{Vertex, cut_into_leaves};
+use crate::oddities::Oddities;
+use crate::partition::{Leaf, Vertex, cut_into_leaves};
 use crate::resources::give_back_memory;
 use crate::simplify::Source;
 use crate::spill::RecordReader;
@@ -52,9 +55,15 @@ pub(crate) fn build_subtree_step(
     folder.step(&names.step, &[&names.nodes, &names.pages], || {
         let mesh = load(&folder.file(&subtree.file()), has_colours)?;
         let leaves = cut_into_leaves(cell, mesh, &setting.lattice, leaf_triangles);
+        let of_leaf = |leaf: &Leaf| {
+            let lattice = &setting.lattice;
+            let units = lattice.cell_units(leaf.cell.depth());
+            Oddities::of_leaf(&leaf.mesh, &Cube { min: lattice.cell_min(leaf.cell), units })
+        };
+        let oddities = leaves.par_iter().map(of_leaf).reduce(Oddities::default, Oddities::plus);
         let (nodes, pieces) = build_subtree(cell, leaves, subtree.triangles, setting)
             .map_err(|error| said(error, folder))?;
-        write(folder, &names, nodes, &pieces)
+        write(folder, &names, nodes, &pieces, oddities)
     })
 }
 
@@ -89,7 +98,8 @@ pub(crate) fn build_upper_step(
         let (node, piece) =
             build_inner(cell, &pieces, setting).map_err(|error| said(error, folder))?;
         drop(pieces);
-        write(folder, &names, vec![node], &Pieces::from([(cell, piece)]))
+        let pieces = Pieces::from([(cell, piece)]);
+        write(folder, &names, vec![node], &pieces, Oddities::default())
     })
 }
 
@@ -132,6 +142,7 @@ fn write(
     names: &Names,
     nodes: Vec<BuiltNode>,
     pieces: &Pieces,
+    oddities: Oddities,
 ) -> Result<(), BuildError> {
     let path = folder.file(&names.pages);
     let file = std::fs::File::create(&path).map_err(BuildError::io(&path, "create"))?;
@@ -164,6 +175,7 @@ fn write(
         triangles: piece.source.mesh.triangles.len() as u64,
         bytes: blob.len() as u64,
     };
+    out.0.extend_from_slice(bytemuck::bytes_of(&oddities.to_array()));
     out.array(&pieces.iter().zip(&blobs).map(row).collect::<Vec<_>>());
     blobs.iter().for_each(|blob| out.0.extend_from_slice(blob));
     out.0.extend_from_slice(&records.0);
@@ -188,14 +200,17 @@ struct Row {
 struct PartFile<'a> {
     path: &'a Path,
     file: std::fs::File,
+    oddities: Oddities,
     table: Vec<Row>,
 }
 
 impl PartFile<'_> {
     fn open(path: &Path) -> Result<PartFile<'_>, BuildError> {
         let mut file = std::fs::File::open(path).map_err(BuildError::io(path, "open"))?;
-        let mut count = [0; 8];
-        file.read_exact(&mut count).map_err(BuildError::io(path, "read"))?;
+        let (mut oddities, mut count) = ([0u64; 4], [0; 8]);
+        file.read_exact(bytemuck::bytes_of_mut(&mut oddities))
+            .and_then(|()| file.read_exact(&mut count))
+            .map_err(BuildError::io(path, "read"))?;
         // A subtree has nine pieces at most: its root and the root's children.
         let count = u64::from_le_bytes(count);
         if count > 9 {
@@ -204,7 +219,7 @@ impl PartFile<'_> {
         let mut table = vec![Row::zeroed(); count as usize];
         let bytes = bytemuck::cast_slice_mut(&mut table);
         file.read_exact(bytes).map_err(BuildError::io(path, "read"))?;
-        Ok(PartFile { path, file, table })
+        Ok(PartFile { path, file, oddities: Oddities::from_array(oddities), table })
     }
 
     /// The pieces down to a depth.
@@ -227,16 +242,16 @@ impl PartFile<'_> {
     }
 }
 
-/// The records of a part.
-pub(crate) fn read_records(path: &Path) -> Result<Vec<NodeRecord>, BuildError> {
-    let PartFile { mut file, table, .. } = PartFile::open(path)?;
+/// The records of a part, and what is odd in it.
+pub(crate) fn read_records(path: &Path) -> Result<(Vec<NodeRecord>, Oddities), BuildError> {
+    let PartFile { mut file, table, oddities, .. } = PartFile::open(path)?;
     let pieces: u64 = table.iter().map(|row| row.bytes).sum();
     let mut bytes = Vec::new();
     file.seek(SeekFrom::Current(pieces as i64))
         .and_then(|_| file.read_to_end(&mut bytes))
         .map_err(BuildError::io(path, "read"))?;
     let mut reader = Reader { rest: &bytes, path };
-    reader.records()
+    Ok((reader.records()?, oddities))
 }
 
 /// Arrays of plain numbers, each with its length in front.

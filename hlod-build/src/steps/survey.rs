@@ -42,6 +42,7 @@ pub(crate) struct Survey {
     pub(crate) bounds: [[i32; 3]; 2],
     pub(crate) triangles_degenerate: u64,
     pub(crate) closed_oriented: bool,
+    pub(crate) vertices_unused: u64,
     /// Cells too full for one subtree, by depth and Morton code: their children may be subtrees.
     pub(crate) split: Vec<(u8, u64)>,
 }
@@ -90,7 +91,7 @@ fn take(
     let mut counts = vec![0u32; 1 << (3 * depth)];
     let mut totals = Totals::default();
     let mut sums = Sums::create(folder, account, memory_bytes)?;
-    join::<ScanVertex>(
+    let vertices_unused = join::<ScanVertex>(
         &vertices,
         &triangles,
         &folder.file("survey-join"),
@@ -139,6 +140,7 @@ fn take(
         bounds,
         triangles_degenerate: totals.degenerate,
         closed_oriented: totals.bounds_a_volume(),
+        vertices_unused,
         split: plan(counts, depth, subtree_triangles),
     })
 }
