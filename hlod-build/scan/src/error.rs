@@ -60,6 +60,22 @@ pub enum ScanError {
         source: io::Error,
     },
 
+    /// What had to be set aside while reading cannot be written or read back.
+    #[error("{at}: what is set aside while reading it cannot be kept on disk: {source}")]
+    Scratch {
+        /// The scan.
+        at: Spot,
+        /// The system's reason.
+        source: io::Error,
+    },
+
+    /// The caller's progress said to stop.
+    #[error("{at}: reading was stopped")]
+    Stopped {
+        /// The scan.
+        at: Spot,
+    },
+
     /// The file breaks the rules of its format.
     #[error("{at}: {what}")]
     Malformed {
@@ -194,6 +210,8 @@ impl ScanError {
             | ScanError::UnknownFormat { at }
             | ScanError::EmptyFile { at }
             | ScanError::Io { at, .. }
+            | ScanError::Scratch { at, .. }
+            | ScanError::Stopped { at }
             | ScanError::Malformed { at, .. }
             | ScanError::Unsupported { at, .. }
             | ScanError::Truncated { at, .. }
@@ -210,6 +228,11 @@ impl ScanError {
     /// A [`ScanError::Malformed`], the most common kind.
     pub(crate) fn malformed(at: Spot, what: impl Into<String>) -> ScanError {
         ScanError::Malformed { at, what: what.into() }
+    }
+
+    /// Of what is set aside while reading.
+    pub(crate) fn scratch(path: &Path, source: io::Error) -> ScanError {
+        ScanError::Scratch { at: Spot::new(path, Place::File), source }
     }
 
     /// An error of the operating system, with the two that mean wrong usage apart.

@@ -6,10 +6,10 @@
 //!
 //! | format | read | memory |
 //! |---|---|---|
-//! | PLY | ASCII, binary of both byte orders; any element and property | fixed; with faces of four and more corners also 24 bytes a vertex |
+//! | PLY | ASCII, binary of both byte orders; any element and property | fixed; with faces of four and more corners also 24 bytes a vertex, on disk beyond the room given |
 //! | STL | ASCII, binary | fixed |
 //! | glTF 2.0 | `.glb`, `.gltf` with sibling files or `data:` URIs | the JSON part, sparse accessors |
-//! | OBJ | vertices, normals, colours, faces | the whole model |
+//! | OBJ | vertices, normals, colours, faces | the whole model, on disk beyond the room given |
 //!
 //! Files come from anywhere and are not trusted: a count is compared with the file's
 //! size before it is believed, every index is checked, and whatever is wrong is a
@@ -24,6 +24,7 @@ mod gltf;
 mod input;
 mod mesh;
 mod obj;
+mod paged;
 mod ply;
 mod polygon;
 mod report;
@@ -41,6 +42,7 @@ pub use mesh::{NormalSum, ScanMesh, Weld, angle_weighted_normals, load, weld_exa
 pub use report::ScanReport;
 
 use input::Input;
+use paged::Room;
 
 /// Most vertices or triangles of one batch.
 pub const BATCH_ITEMS_MAX: usize = 64 * 1024;
@@ -136,6 +138,17 @@ pub struct ScanHeader {
     pub is_triangle_soup: bool,
 }
 
+/// How a scan is read.
+pub struct ReadOptions<'a> {
+    /// How much memory the reader may take for what it must remember of the file.
+    pub memory_bytes: usize,
+    /// The folder where it puts the rest meanwhile, in files without names.
+    pub scratch: &'a Path,
+    /// Called now and then while the file is opened, which for OBJ takes two passes over all of it;
+    /// gets the share of the file's bytes that is done and says whether to go on.
+    pub progress: &'a mut dyn FnMut(u64) -> bool,
+}
+
 /// One scan file opened for reading; yields batches in file order.
 pub struct ScanReader {
     header: ScanHeader,
@@ -169,15 +182,35 @@ impl ScanReader {
     /// If the file cannot be opened, is of no format read here, or its header is
     /// wrong: in particular if it declares more than the file can hold.
     pub fn open(path: &Path) -> Result<ScanReader, ScanError> {
+        Self::open_in(path, Room::UNBOUNDED, &mut |_| true)
+    }
+
+    /// The same with as much memory as is allowed: reads the same, however little it is.
+    ///
+    /// # Errors
+    ///
+    /// As [`ScanReader::open`]; if what is set aside cannot be kept on disk; and if the
+    /// progress says to stop.
+    pub fn open_within(path: &Path, options: ReadOptions<'_>) -> Result<ScanReader, ScanError> {
+        let room =
+            Room { bytes: options.memory_bytes, scratch: Some(options.scratch.to_path_buf()) };
+        Self::open_in(path, room, options.progress)
+    }
+
+    fn open_in(
+        path: &Path,
+        room: Room,
+        progress: &mut dyn FnMut(u64) -> bool,
+    ) -> Result<ScanReader, ScanError> {
         let mut input = Input::open(path)?;
         let file_bytes = input.file_bytes();
         let format = sniff::format_of(&mut input)?;
         let mut report = ScanReport::new(path.to_path_buf(), format, file_bytes);
         let opened = match format {
             ScanFormat::PlyAscii | ScanFormat::PlyLittleEndian | ScanFormat::PlyBigEndian => {
-                ply::open(input, &mut report)?
+                ply::open(input, &room, &mut report)?
             }
-            ScanFormat::Obj => obj::open(input, &mut report)?,
+            ScanFormat::Obj => obj::open(input, &room, &mut report, progress)?,
             ScanFormat::StlAscii => stl::open_ascii(input),
             ScanFormat::StlBinary => stl::open_binary(input, &mut report)?,
             ScanFormat::Gltf | ScanFormat::Glb => gltf::open(input, &mut report)?,

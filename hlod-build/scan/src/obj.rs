@@ -2,7 +2,7 @@
 //!
 //! Two passes, because a face may name vertices that come later, and its corners carry
 //! the normals: the first collects `v` and `vn`, the second reads `f`. The whole model
-//! is held meanwhile; batches are then cut from it.
+//! is held meanwhile, on disk where memory does not hold it; batches are then cut from it.
 //!
 //! Objects, groups and materials are passed over: a scan cut into groups is one
 //! surface, and each `v` stays one vertex whoever names it. (The usual library for
@@ -10,13 +10,15 @@
 //! surface apart.) A vertex whose corners name several normals gets their mean.
 
 use std::borrow::Cow;
-use std::path::Path;
+use std::io;
+use std::path::{Path, PathBuf};
 use std::str::SplitAsciiWhitespace;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 use crate::error::{Place, ScanError, Spot};
 use crate::input::{BUFFER_BYTES, Input};
+use crate::paged::{Paged, Room};
 use crate::polygon::{self, CORNERS_MAX};
 use crate::report::ScanReport;
 use crate::{
@@ -25,10 +27,18 @@ use crate::{
 };
 
 /// Reads the whole model.
-pub(crate) fn open(mut input: Input, report: &mut ScanReport) -> Result<Opened, ScanError> {
+pub(crate) fn open(
+    mut input: Input,
+    room: &Room,
+    report: &mut ScanReport,
+    progress: &mut dyn FnMut(u64) -> bool,
+) -> Result<Opened, ScanError> {
+    // Positions, colours and normals of the first pass, sums and triangles of the second.
+    let room = room.part(5);
     // First pass: what faces can name.
-    let mut points = Points::default();
-    each_statement(&mut input, |statement| points.read(statement, report))?;
+    let mut points = Points::new(&room);
+    let mut halfway = |bytes: u64| progress(bytes / 2);
+    each_statement(&mut input, &mut halfway, |statement| points.read(statement, report))?;
     if points.colours_out_of_range > 0 {
         report.warnings.push(format!(
             "{} vertex colours lie outside 0..1 and were clamped",
@@ -38,31 +48,23 @@ pub(crate) fn open(mut input: Input, report: &mut ScanReport) -> Result<Opened, 
 
     // Second pass: faces, and with their corners the normals.
     let mut input = Input::open(input.path())?;
-    let mut faces = Faces::new(&points);
-    each_statement(&mut input, |statement| faces.read(statement, report))?;
+    let half = input.file_bytes() / 2;
+    let mut faces = Faces::new(points, &room, input.path())?;
+    let mut second_half = |bytes: u64| progress(half + bytes / 2);
+    each_statement(&mut input, &mut second_half, |statement| faces.read(statement, report))?;
 
-    // A file may list normals that no corner names.
-    let has_normals = faces.normal_sums.iter().any(|sum| *sum != DVec3::ZERO);
-    let mut normals: Vec<Vec3> = Vec::new();
-    if has_normals {
-        let sums = faces.normal_sums.iter();
-        normals.extend(sums.map(|sum| unit_normal(*sum, report)));
-    }
-    let triangles = faces.triangles;
-    let has_colours = points.colours.iter().any(Option::is_some);
-    let mut colours = Vec::new();
-    if has_colours {
-        let white = [255; 4];
-        colours.extend(points.colours.iter().map(|colour| colour.unwrap_or(white)));
-    }
+    let Faces { points, normal_sums, has_normals, triangles, .. } = faces;
     Ok(Opened {
         vertices: Some(points.positions.len() as u64),
         faces: Some(report.faces_read),
         has_normals,
-        has_colours,
+        has_colours: points.has_colours,
         is_triangle_soup: false,
         body: Box::new(ObjReader {
-            vertices: VertexBatch { positions: points.positions, normals, colours },
+            path: input.path().to_path_buf(),
+            points,
+            normal_sums,
+            has_normals,
             triangles,
             vertices_given: 0,
             triangles_given: 0,
@@ -105,14 +107,25 @@ impl Statement<'_> {
     }
 }
 
+/// Progress is told this often.
+const PROGRESS_BYTES: u64 = 1 << 22;
+
 /// Calls `read` for each statement up to the end of the file.
 fn each_statement(
     input: &mut Input,
+    progress: &mut dyn FnMut(u64) -> bool,
     mut read: impl FnMut(Statement<'_>) -> Result<(), ScanError>,
 ) -> Result<(), ScanError> {
     let path = input.path().to_path_buf();
     let mut joined = Vec::new();
+    let mut next_report = 0;
     loop {
+        if input.offset() >= next_report {
+            next_report = input.offset() + PROGRESS_BYTES;
+            if !progress(input.offset()) {
+                return Err(ScanError::Stopped { at: Spot::new(&path, Place::File) });
+            }
+        }
         let line_number = input.line_number();
         let Some(mut line) = input.line()? else {
             return Ok(());
@@ -142,17 +155,27 @@ fn each_statement(
 }
 
 /// The first pass.
-#[derive(Default)]
 struct Points {
-    positions: Vec<DVec3>,
-    /// One for each position; a file may colour some only.
-    colours: Vec<Option<[u8; 4]>>,
+    positions: Paged<DVec3>,
+    /// One for each position, white where the file colours others only.
+    colours: Paged<[u8; 4]>,
+    has_colours: bool,
     colours_out_of_range: u64,
     /// Of unit length, or zero where unusable.
-    normals: Vec<DVec3>,
+    normals: Paged<DVec3>,
 }
 
 impl Points {
+    fn new(room: &Room) -> Points {
+        Points {
+            positions: Paged::new(room),
+            colours: Paged::new(room),
+            has_colours: false,
+            colours_out_of_range: 0,
+            normals: Paged::new(room),
+        }
+    }
+
     fn read(
         &mut self,
         mut statement: Statement<'_>,
@@ -163,8 +186,8 @@ impl Points {
             "vn" => {
                 let normal = DVec3::from_array(statement.numbers()?);
                 let scale = normal.abs().max_element();
-                self.normals.push((normal / scale).normalize_or_zero());
-                Ok(())
+                let unit = (normal / scale).normalize_or_zero();
+                self.normals.push(unit).map_err(|e| ScanError::scratch(statement.path, e))
             }
             "f" => Ok(()),
             other => {
@@ -199,39 +222,49 @@ impl Points {
         if colour.is_some() && rest.iter().any(|value| !(0.0..=1.0).contains(value)) {
             self.colours_out_of_range += 1;
         }
-        self.positions.push(position);
-        self.colours.push(colour);
-        Ok(())
+        self.has_colours |= colour.is_some();
+        self.positions
+            .push(position)
+            .and_then(|()| self.colours.push(colour.unwrap_or([255; 4])))
+            .map_err(|error| ScanError::scratch(statement.path, error))
     }
 }
 
 /// The second pass.
-struct Faces<'a> {
-    points: &'a Points,
+struct Faces {
+    points: Points,
     /// Sum of the normals of each vertex's corners; empty if the file has no normals.
-    normal_sums: Vec<DVec3>,
+    normal_sums: Paged<DVec3>,
+    /// Whether any corner names one that is of use.
+    has_normals: bool,
     /// Vertices and normals before the current line: negative numbers count back
     /// from there.
     positions_seen: usize,
     normals_seen: usize,
     corners: Vec<u32>,
-    triangles: Vec<[u32; 3]>,
+    /// Of the current line.
+    of_line: Vec<[u32; 3]>,
+    triangles: Paged<[u32; 3]>,
 }
 
-impl<'a> Faces<'a> {
-    fn new(points: &'a Points) -> Faces<'a> {
-        let sums = match points.normals.is_empty() {
-            true => 0,
-            false => points.positions.len(),
-        };
-        Faces {
+impl Faces {
+    fn new(points: Points, room: &Room, path: &Path) -> Result<Faces, ScanError> {
+        let mut normal_sums = Paged::new(room);
+        if points.normals.len() > 0 {
+            for _ in 0..points.positions.len() {
+                normal_sums.push(DVec3::ZERO).map_err(|error| ScanError::scratch(path, error))?;
+            }
+        }
+        Ok(Faces {
             points,
-            normal_sums: vec![DVec3::ZERO; sums],
+            normal_sums,
+            has_normals: false,
             positions_seen: 0,
             normals_seen: 0,
             corners: Vec::new(),
-            triangles: Vec::new(),
-        }
+            of_line: Vec::new(),
+            triangles: Paged::new(room),
+        })
     }
 
     fn read(
@@ -247,9 +280,12 @@ impl<'a> Faces<'a> {
                 while let Some(word) = statement.words.next() {
                     self.read_corner(word, &statement, report)?;
                 }
-                let positions = &self.points.positions;
-                let position = |index: u32| positions[index as usize];
-                polygon::add_face(&self.corners, position, &mut self.triangles, report);
+                self.of_line.clear();
+                let positions = &mut self.points.positions;
+                let position = |index: u32| positions.get(index as usize);
+                polygon::add_face(&self.corners, position, &mut self.of_line, report)
+                    .and_then(|()| self.of_line.iter().try_for_each(|t| self.triangles.push(*t)))
+                    .map_err(|error| ScanError::scratch(statement.path, error))?;
             }
             _ => {}
         }
@@ -294,7 +330,10 @@ impl<'a> Faces<'a> {
                 let what = format!("`{word}` names a normal, but there are only {count}");
                 statement.malformed(what)
             })?;
-            self.normal_sums[vertex] += self.points.normals[normal];
+            let set_aside = |error| ScanError::scratch(statement.path, error);
+            let sum = self.normal_sums.at(vertex).map_err(set_aside)?;
+            *sum += self.points.normals.get(normal).map_err(set_aside)?;
+            self.has_normals |= *sum != DVec3::ZERO;
         }
         Ok(())
     }
@@ -314,41 +353,50 @@ fn resolve(written: i64, seen: usize, count: usize) -> Result<usize, i64> {
 
 /// Hands out what `open` has read.
 struct ObjReader {
-    vertices: VertexBatch,
-    triangles: Vec<[u32; 3]>,
+    path: PathBuf,
+    points: Points,
+    normal_sums: Paged<DVec3>,
+    has_normals: bool,
+    triangles: Paged<[u32; 3]>,
     vertices_given: usize,
     triangles_given: usize,
     file_bytes: u64,
 }
 
-impl ReadBatches for ObjReader {
-    fn next_batch(&mut self, _report: &mut ScanReport) -> Result<Option<Batch>, ScanError> {
-        let positions = batch_of(&self.vertices.positions, self.vertices_given);
-        if !positions.is_empty() {
-            let batch = VertexBatch {
-                positions: positions.to_vec(),
-                normals: batch_of(&self.vertices.normals, self.vertices_given).to_vec(),
-                colours: batch_of(&self.vertices.colours, self.vertices_given).to_vec(),
-            };
-            self.vertices_given += batch.positions.len();
+impl ObjReader {
+    fn next(&mut self, report: &mut ScanReport) -> io::Result<Option<Batch>> {
+        let begin = self.vertices_given;
+        let end = self.points.positions.len().min(begin + BATCH_ITEMS_MAX);
+        if begin < end {
+            let mut batch = VertexBatch::default();
+            for v in begin..end {
+                batch.positions.push(self.points.positions.get(v)?);
+                if self.has_normals {
+                    batch.normals.push(unit_normal(self.normal_sums.get(v)?, report));
+                }
+                if self.points.has_colours {
+                    batch.colours.push(self.points.colours.get(v)?);
+                }
+            }
+            self.vertices_given = end;
             return Ok(Some(Batch::Vertices(batch)));
         }
-        let triangles = batch_of(&self.triangles, self.triangles_given).to_vec();
-        self.triangles_given += triangles.len();
-        if triangles.is_empty() {
-            return Ok(None);
-        }
-        Ok(Some(Batch::Triangles(TriangleBatch { triangles })))
+        let begin = self.triangles_given;
+        let end = self.triangles.len().min(begin + BATCH_ITEMS_MAX);
+        let triangles: io::Result<Vec<[u32; 3]>> =
+            (begin..end).map(|t| self.triangles.get(t)).collect();
+        self.triangles_given = end;
+        Ok((begin < end).then_some(Batch::Triangles(TriangleBatch { triangles: triangles? })))
+    }
+}
+
+impl ReadBatches for ObjReader {
+    fn next_batch(&mut self, report: &mut ScanReport) -> Result<Option<Batch>, ScanError> {
+        self.next(report).map_err(|error| ScanError::scratch(&self.path, error))
     }
 
     /// All of it: `open` reads everything.
     fn bytes_read(&self) -> u64 {
         self.file_bytes
     }
-}
-
-/// The next items from `begin`; none if the attribute is absent.
-fn batch_of<T>(items: &[T], begin: usize) -> &[T] {
-    let rest = items.get(begin..).unwrap_or_default();
-    &rest[..rest.len().min(BATCH_ITEMS_MAX)]
 }

@@ -7,6 +7,8 @@
 //! decided in the plane across their area vector. One that crosses itself has no
 //! right answer; it still yields corners − 2 triangles.
 
+use std::io;
+
 use glam::{DVec2, DVec3};
 
 use crate::report::ScanReport;
@@ -18,15 +20,16 @@ pub(crate) const CORNERS_MAX: usize = 1024;
 /// Triangulates one face of a file and counts it in the report.
 pub(crate) fn add_face(
     corners: &[u32],
-    position: impl Fn(u32) -> DVec3,
+    position: impl FnMut(u32) -> io::Result<DVec3>,
     triangles: &mut Vec<[u32; 3]>,
     report: &mut ScanReport,
-) {
+) -> io::Result<()> {
     let before = triangles.len();
-    triangulate(corners, position, triangles);
+    triangulate(corners, position, triangles)?;
     report.faces_read += 1;
     report.polygons_triangulated += u64::from(corners.len() > 3);
     report.degenerate_faces += u64::from(triangles.len() == before);
+    Ok(())
 }
 
 /// Appends the triangles of the polygon `corners`, wound as it is; `position` of a
@@ -34,7 +37,11 @@ pub(crate) fn add_face(
 ///
 /// Corners that repeat their predecessor are dropped first; so is every triangle that
 /// repeats an index. Nothing is appended if fewer than three corners are left.
-fn triangulate(corners: &[u32], position: impl Fn(u32) -> DVec3, triangles: &mut Vec<[u32; 3]>) {
+fn triangulate(
+    corners: &[u32],
+    mut position: impl FnMut(u32) -> io::Result<DVec3>,
+    triangles: &mut Vec<[u32; 3]>,
+) -> io::Result<()> {
     let mut push = |triangle: [u32; 3]| {
         if !repeats_corner(triangle) {
             triangles.push(triangle);
@@ -42,7 +49,8 @@ fn triangulate(corners: &[u32], position: impl Fn(u32) -> DVec3, triangles: &mut
     };
     // Nearly every face of a scan is a triangle: no detours for it.
     if let [a, b, c] = *corners {
-        return push([a, b, c]);
+        push([a, b, c]);
+        return Ok(());
     }
     let mut ring = corners.to_vec();
     ring.dedup();
@@ -53,16 +61,18 @@ fn triangulate(corners: &[u32], position: impl Fn(u32) -> DVec3, triangles: &mut
         [] | [_] | [_, _] => {}
         [a, b, c] => push([a, b, c]),
         [a, b, c, d] => {
-            let pair = cut_quad([a, b, c, d], [a, b, c, d].map(position));
-            pair.into_iter().for_each(push);
+            let positions = [position(a)?, position(b)?, position(c)?, position(d)?];
+            cut_quad([a, b, c, d], positions).into_iter().for_each(push);
         }
         _ => {
-            let positions: Vec<DVec3> = ring.iter().map(|index| position(*index)).collect();
+            let positions = ring.iter().map(|index| position(*index));
+            let positions: Vec<DVec3> = positions.collect::<io::Result<_>>()?;
             cut_ears(&flatten(&positions), |corners| {
                 push(corners.map(|corner| ring[corner]));
             });
         }
     }
+    Ok(())
 }
 
 /// Whether two corners are the same vertex.
@@ -215,7 +225,7 @@ mod tests {
     fn cut(points: &[DVec3]) -> Vec<[u32; 3]> {
         let corners: Vec<u32> = (0..points.len() as u32).collect();
         let mut triangles = Vec::new();
-        triangulate(&corners, |i| points[i as usize], &mut triangles);
+        triangulate(&corners, |i| Ok(points[i as usize]), &mut triangles).unwrap();
         triangles
     }
 
@@ -280,9 +290,9 @@ mod tests {
     fn repeated_corners_vanish_and_knots_end() {
         let points = flat(&[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]);
         let mut triangles = Vec::new();
-        triangulate(&[0, 0, 1, 1, 0], |i| points[i as usize], &mut triangles);
+        triangulate(&[0, 0, 1, 1, 0], |i| Ok(points[i as usize]), &mut triangles).unwrap();
         assert!(triangles.is_empty());
-        triangulate(&[0, 1, 1, 2, 0], |i| points[i as usize], &mut triangles);
+        triangulate(&[0, 1, 1, 2, 0], |i| Ok(points[i as usize]), &mut triangles).unwrap();
         assert_eq!(triangles, [[0, 1, 2]]);
         // A five-pointed star that crosses itself, and five times the same point.
         let star: Vec<DVec3> = (0..5)

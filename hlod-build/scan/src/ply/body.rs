@@ -9,6 +9,7 @@ use super::values::{self, Values};
 use super::{ALPHA, COLOUR, Columns, CornerList, NORMAL, Plan, Role, SLOT_COUNT};
 use crate::error::{Place, ScanError, Spot};
 use crate::input::Input;
+use crate::paged::{Paged, Room};
 use crate::polygon::{self, CORNERS_MAX, Strip};
 use crate::report::ScanReport;
 use crate::{
@@ -39,7 +40,9 @@ struct Body {
     /// Every vertex of the file, read by a second pass when the first polygon of more
     /// than three corners is met: which diagonals lie inside it depends on them.
     /// Scans of triangles, the huge ones among them, never pay for this.
-    positions: Option<Vec<DVec3>>,
+    positions: Option<Paged<DVec3>>,
+    /// For these.
+    room: Room,
 }
 
 impl PlyReader {
@@ -48,6 +51,7 @@ impl PlyReader {
         format: ScanFormat,
         plans: Vec<Plan>,
         vertex_count: u32,
+        room: Room,
     ) -> PlyReader {
         let body = Body {
             values: Values::new(input, format),
@@ -56,6 +60,7 @@ impl PlyReader {
             strips: None,
             corners: Vec::new(),
             positions: None,
+            room,
         };
         PlyReader { plans, plan: 0, body }
     }
@@ -139,11 +144,16 @@ impl Body {
             }
             if self.corners.len() > 3 && self.positions.is_none() {
                 let path = self.values.input.path();
-                self.positions = Some(read_positions(path, self.vertex_count)?);
+                self.positions = Some(read_positions(path, self.vertex_count, &self.room)?);
             }
-            let positions = self.positions.as_deref().unwrap_or_default();
-            let position = |index: u32| positions[index as usize];
-            polygon::add_face(&self.corners, position, &mut triangles, report);
+            let positions = &mut self.positions;
+            let position = |index: u32| match positions {
+                Some(positions) => positions.get(index as usize),
+                // A triangle's corners are not asked for.
+                None => Ok(DVec3::ZERO),
+            };
+            polygon::add_face(&self.corners, position, &mut triangles, report)
+                .map_err(|error| ScanError::scratch(self.values.input.path(), error))?;
             self.record += 1;
         }
         Ok(triangles)
@@ -395,14 +405,14 @@ fn skip_element(values: &mut Values, element: &Element) -> Result<(), ScanError>
 }
 
 /// Every vertex position of a file, by a pass of its own.
-fn read_positions(path: &Path, vertex_count: u32) -> Result<Vec<DVec3>, ScanError> {
+fn read_positions(path: &Path, vertex_count: u32, room: &Room) -> Result<Paged<DVec3>, ScanError> {
     let mut input = Input::open(path)?;
     let header = super::header::read(&mut input)?;
     let mut values = Values::new(input, header.format);
     let at = Spot::new(path, Place::File);
     // The counts of this second pass belong to nobody.
     let mut report = ScanReport::new(path.to_path_buf(), header.format, 0);
-    let mut positions = Vec::new();
+    let mut positions = Paged::new(room);
     for element in header.elements {
         values.begin_element(&element.name);
         let plan = super::plan(element, &at)?;
@@ -414,7 +424,9 @@ fn read_positions(path: &Path, vertex_count: u32) -> Result<Vec<DVec3>, ScanErro
         while record < plan.element.count {
             let batch =
                 read_vertices(&mut values, &plan.element, columns, &mut record, &mut report)?;
-            positions.extend(batch.positions);
+            for position in batch.positions {
+                positions.push(position).map_err(|error| ScanError::scratch(path, error))?;
+            }
         }
         break;
     }

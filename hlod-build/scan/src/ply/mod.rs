@@ -12,6 +12,7 @@ mod values;
 use crate::Opened;
 use crate::error::{Place, ScanError, Spot};
 use crate::input::Input;
+use crate::paged::Room;
 use crate::report::ScanReport;
 
 use body::PlyReader;
@@ -37,7 +38,11 @@ const COLOUR: std::ops::Range<usize> = 6..9;
 const ALPHA: usize = 9;
 
 /// Reads the header and plans the rest.
-pub(crate) fn open(mut input: Input, report: &mut ScanReport) -> Result<Opened, ScanError> {
+pub(crate) fn open(
+    mut input: Input,
+    room: &Room,
+    report: &mut ScanReport,
+) -> Result<Opened, ScanError> {
     let header = header::read(&mut input)?;
     report.format = header.format;
     let at = Spot::new(input.path(), Place::File);
@@ -60,7 +65,7 @@ pub(crate) fn open(mut input: Input, report: &mut ScanReport) -> Result<Opened, 
     let (vertices, columns) = vertex.unwrap_or_default();
     let vertex_count =
         u32::try_from(vertices).map_err(|_| ScanError::TooManyVertices { at, vertices })?;
-    let body = PlyReader::new(input, header.format, plans, vertex_count);
+    let body = PlyReader::new(input, header.format, plans, vertex_count, room.clone());
     Ok(Opened {
         vertices: Some(vertices),
         faces,

@@ -47,7 +47,10 @@ struct Whole {
 
 /// Reads a file to its end and checks what every reader promises.
 fn read_path(path: &Path) -> Result<Whole, ScanError> {
-    let mut reader = ScanReader::open(path)?;
+    read_all(ScanReader::open(path)?)
+}
+
+fn read_all(mut reader: ScanReader) -> Result<Whole, ScanError> {
     let (mut positions, mut normals) = (Vec::new(), Vec::new());
     let (mut colours, mut triangles) = (Vec::new(), Vec::new());
     let mut bytes_before = 0;

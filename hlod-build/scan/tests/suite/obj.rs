@@ -111,3 +111,92 @@ fn wrong_content_is_told_with_its_line() {
     let long = format!("# {}\n{three}f 1 2 3\n", "x".repeat(300_000));
     assert!(refusal("a.obj", long).1.contains("longer than"));
 }
+
+/// A wavy sheet of quads, more than fits into a small room: faces count backwards and name
+/// vertices that come much later.
+fn sheet(n: u32) -> String {
+    use std::fmt::Write;
+    let mut text = String::new();
+    let (mut written, at) = (0i64, |i: u32, j: u32| i64::from(i * n + j));
+    for i in 0..n {
+        // The first row's faces come before its second row's vertices.
+        for j in 0..n {
+            let (x, y) = (f64::from(i), f64::from(j));
+            let z = (0.1 * x).sin() + (0.13 * y).cos();
+            let red = f64::from(i % 5) / 4.0;
+            writeln!(text, "v {x} {y} {z} {red} 0.5 0\nvn {} {} 1", -z, 0.3 * z).unwrap();
+            written += 1;
+        }
+        for j in 0..n - 1 {
+            if i + 1 == n {
+                continue;
+            }
+            let corners = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+            let word = |v: i64| match v < written && v % 3 == 0 {
+                true => format!("{0}//{0}", v - written),
+                false => format!("{0}//{0}", v + 1),
+            };
+            writeln!(text, "f {}", corners.map(word).join(" ")).unwrap();
+        }
+    }
+    text
+}
+
+#[test]
+fn reads_the_same_in_any_room() {
+    let files = Files::new();
+    let (path, scratch) = (files.write("a.obj", sheet(180)), files.write("scratch/empty", ""));
+    let whole = read_path(&path).expect("a valid file");
+    assert_eq!((whole.positions.len(), whole.triangles.len()), (180 * 180, 2 * 179 * 179));
+    assert!(whole.header.has_normals && whole.header.has_colours);
+    let mut told = Vec::new();
+    let mut progress = |bytes: u64| {
+        told.push(bytes);
+        true
+    };
+    let folder = scratch.parent().expect("a folder");
+    let options =
+        hlod_scan::ReadOptions { memory_bytes: 0, scratch: folder, progress: &mut progress };
+    let reader = hlod_scan::ScanReader::open_within(&path, options).expect("a valid file");
+    let again = crate::read_all(reader).expect("a valid file");
+    assert!(again.positions == whole.positions, "positions");
+    assert!(again.normals == whole.normals, "normals");
+    assert!(again.colours == whole.colours, "colours");
+    assert!(again.triangles == whole.triangles, "triangles");
+    assert!(told.len() >= 2 && told.is_sorted(), "{told:?}");
+    assert_eq!(std::fs::read_dir(folder).expect("a folder").count(), 1, "something was left");
+    let options =
+        hlod_scan::ReadOptions { memory_bytes: 0, scratch: folder, progress: &mut |_| false };
+    let stopped = hlod_scan::ScanReader::open_within(&path, options);
+    assert!(matches!(stopped, Err(ScanError::Stopped { .. })));
+
+    // Another reader sees the same triangles, corner by corner, and the same colours.
+    let (models, _) = tobj::load_obj(&path, &tobj::LoadOptions::default()).expect("a valid file");
+    let theirs = &models[0].mesh;
+    // It leaves quads as they are, and numbers vertices as faces first name them.
+    assert_eq!(theirs.face_arities.len(), 179 * 179);
+    let number = |v: u32| {
+        let p = &theirs.positions[3 * v as usize..];
+        (p[0] * 180.0 + p[1]) as u32
+    };
+    let mut quads: Vec<Vec<u32>> = theirs
+        .indices
+        .chunks(4)
+        .map(|quad| sorted(quad.iter().map(|v| number(*v)).collect()))
+        .collect();
+    let pairs = whole.triangles.chunks(2);
+    let mut ours: Vec<Vec<u32>> = pairs.map(|pair| sorted(pair.concat())).collect();
+    quads.sort_unstable();
+    ours.sort_unstable();
+    assert!(quads == ours, "the same quads");
+    for (v, colour) in (0..).zip(theirs.vertex_color.chunks(3)) {
+        let red = (colour[0] * 255.0).round() as u8;
+        assert_eq!(red, whole.colours[number(v) as usize][0]);
+    }
+}
+
+fn sorted(mut corners: Vec<u32>) -> Vec<u32> {
+    corners.sort_unstable();
+    corners.dedup();
+    corners
+}
