@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 
 use bytemuck::{Pod, Zeroable};
-use glam::DVec3;
 use hlod_compress::SourceFile;
-use hlod_scan::{Batch, ScanFormat, ScanHeader, ScanReader, ScanReport};
+use hlod_scan::{Batch, ReadOptions, ScanError, ScanReader, ScanReport};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::weld::Soup;
 use super::work_folder::WorkFolder;
 use crate::error::BuildError;
 use crate::ingest::identify;
@@ -18,6 +18,7 @@ use crate::spill::RecordWriter;
 /// Files of this step.
 pub(crate) const VERTICES: &str = "vertices";
 pub(crate) const TRIANGLES: &str = "triangles";
+const SOUP: &str = "soup";
 const ACCOUNT: &str = "ingest.json";
 
 /// A vertex as scanned.
@@ -91,50 +92,6 @@ impl Source {
     }
 }
 
-/// Names vertices by the first of their position.
-fn weld(
-    positions: &[DVec3],
-    mut triangles: Vec<[u32; 3]>,
-    first_vertex: u32,
-    report: &mut ScanReport,
-) -> Vec<[u32; 3]> {
-    let weld = hlod_scan::weld_exact(positions);
-    report.vertices_welded = (weld.new_from_old.len() - weld.old_from_new.len()) as u64;
-    let before = triangles.len();
-    triangles.retain_mut(|t| {
-        let first = |v: u32| weld.old_from_new[weld.new_from_old[v as usize] as usize];
-        *t = t.map(|v| first(v) + first_vertex);
-        t[0] != t[1] && t[1] != t[2] && t[2] != t[0]
-    });
-    let dropped = (before - triangles.len()) as u64;
-    report.degenerate_faces += dropped;
-    report.triangles -= dropped;
-    triangles
-}
-
-/// Refuses what could only be read with more memory than there is, before any of it is read.
-fn check_memory(header: &ScanHeader, memory_bytes: usize) -> Result<(), BuildError> {
-    let (needed, why) = match header.format {
-        // Positions, texture coordinates and faces as numbers take about what their digits do.
-        ScanFormat::Obj => (header.file_bytes, "an OBJ file is read as a whole"),
-        _ if header.is_triangle_soup => {
-            // 50 bytes a triangle in STL; a position, its bits and an entry of a table each.
-            let triangles = header.file_bytes / 50;
-            (triangles * 250, "triangles without shared vertices are joined in memory")
-        }
-        _ => return Ok(()),
-    };
-    if needed > memory_bytes as u64 {
-        return Err(BuildError::Memory {
-            path: header.path.clone(),
-            why,
-            needed_bytes: needed,
-            budget_bytes: memory_bytes as u64,
-        });
-    }
-    Ok(())
-}
-
 fn read_all(
     folder: &WorkFolder,
     inputs: &[PathBuf],
@@ -160,14 +117,28 @@ fn read_all(
     let mut vertices = RecordWriter::create(&folder.file(VERTICES))?;
     let mut triangles = RecordWriter::create(&folder.file(TRIANGLES))?;
     for path in inputs {
-        let mut reader = ScanReader::open(path)?;
+        let mut bytes_before = 0;
+        let mut advance = |bytes: u64| {
+            progress.advance(bytes.saturating_sub(bytes_before));
+            bytes_before = bytes_before.max(bytes);
+        };
+        let mut while_opening = |bytes: u64| {
+            advance(bytes);
+            !progress.is_stopped()
+        };
+        let scratch = folder.file("");
+        let within = ReadOptions { memory_bytes, scratch: &scratch, progress: &mut while_opening };
+        let mut reader = match ScanReader::open_within(path, within) {
+            Err(ScanError::Stopped { .. }) => return Err(BuildError::Stopped(scratch)),
+            opened => opened?,
+        };
         let header = reader.header().clone();
         account.has_colours |= header.has_colours;
         let first_vertex = account.vertices;
-        let mut bytes_before = 0;
-        check_memory(&header, memory_bytes)?;
-        // Positions and triangles of a soup, which have to be in memory together to be welded.
-        let mut soup = header.is_triangle_soup.then(|| (Vec::new(), Vec::new()));
+        // Three vertices in the 50 bytes that a triangle takes in STL, where nothing is declared.
+        let vertices_max = header.vertices_declared.unwrap_or(header.file_bytes / 50 * 3);
+        let begin = || Soup::begin(&folder.file(SOUP), vertices_max, memory_bytes);
+        let mut soup = header.is_triangle_soup.then(begin).transpose()?;
         while let Some(batch) = reader.next_batch()? {
             match batch {
                 Batch::Vertices(batch) => {
@@ -186,8 +157,8 @@ fn read_all(
                         let colour = batch.colours.get(i).copied().unwrap_or([255; 4]);
                         records.push(ScanVertex { position: p.to_array(), normal, colour });
                     }
-                    if let Some((positions, _)) = &mut soup {
-                        positions.extend(&batch.positions);
+                    if let Some(soup) = &mut soup {
+                        soup.add_vertices(&batch.positions)?;
                     }
                     vertices.put(&records)?;
                     account.vertices += records.len() as u64;
@@ -204,7 +175,7 @@ fn read_all(
                         batch.triangles.iter().map(|t| t.map(|v| v + first_vertex as u32));
                     let shifted: Vec<[u32; 3]> = shifted.collect();
                     match &mut soup {
-                        Some((_, triangles)) => triangles.extend(&batch.triangles),
+                        Some(soup) => soup.add_triangles(&batch.triangles)?,
                         None => {
                             account.triangles += shifted.len() as u64;
                             triangles.put(&shifted)?;
@@ -213,14 +184,15 @@ fn read_all(
                 }
             }
             folder.check_stop(progress)?;
-            progress.advance(reader.bytes_read().saturating_sub(bytes_before));
-            bytes_before = bytes_before.max(reader.bytes_read());
+            advance(reader.bytes_read());
         }
         let mut report = reader.report().clone();
-        if let Some((positions, soup)) = soup {
-            let welded = weld(&positions, soup, first_vertex as u32, &mut report);
-            account.triangles += welded.len() as u64;
-            triangles.put(&welded)?;
+        if let Some(soup) = soup {
+            let welded = soup.finish(first_vertex as u32, &mut triangles)?;
+            account.triangles += welded.triangles;
+            report.vertices_welded = welded.vertices;
+            report.degenerate_faces += welded.degenerate;
+            report.triangles -= welded.degenerate;
         }
         if report.triangles == 0 {
             return Err(BuildError::NoTriangles { path: path.clone(), faces: report.faces_read });

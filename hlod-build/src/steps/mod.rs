@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! scans
-//!   │ ingest    vertices, triangles                       ingest.rs
+//!   │ ingest    vertices, triangles                       ingest.rs, weld.rs
 //!   │ survey    lattice, normals, where the triangles are survey.rs ┐ join.rs
 //!   │ scatter   triangles cut into the subtrees' cells    scatter.rs┘
 //!   │ build     each subtree, then each node above        nodes.rs
@@ -17,6 +17,7 @@ mod join;
 pub(crate) mod nodes;
 pub(crate) mod scatter;
 pub(crate) mod survey;
+mod weld;
 pub(crate) mod work_folder;
 
 use std::path::Path;

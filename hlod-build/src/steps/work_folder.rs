@@ -18,12 +18,13 @@ const JOURNAL: &str = "journal";
 const LOCK: &str = "lock";
 
 /// What the names of a build's files and folders begin with.
-const OWN: [&str; 13] = [
+const OWN: [&str; 14] = [
     JOURNAL,
     LOCK,
     "vertices",
     "triangles",
     "ingest.json",
+    "soup",
     "placed",
     "sums",
     "survey",
