@@ -21,6 +21,7 @@ use crate::partition::{Leaf, Vertex};
 use crate::progress::Progress;
 use crate::seams::close_seams;
 use crate::simplify::{Both, Budget, LEAST_SHARE, Simplified, Source, simplify};
+use crate::tears::fill_gathered;
 
 /// A node with its pages' bytes, ready to be laid out.
 pub(crate) struct BuiltNode {
@@ -185,7 +186,9 @@ pub(crate) fn build_inner(
     // Where two pieces meet, both may be wrong, and cutting rounded by up to a step. What is left
     // of the budget everywhere must be enough for the least that a step may do.
     let width = 2.0 * source.distance() + 2.0;
-    close_seams(&mut source, width, (1.0 - LEAST_SHARE) * whole, &cube);
+    let limit = (1.0 - LEAST_SHARE) * whole;
+    close_seams(&mut source, width, limit, &cube);
+    fill_gathered(&mut source, limit, &cube);
     let budget = budget(cell, setting, &source);
     let Both { appearance, geometric } = simplify(&source, &budget);
     drop(source);

@@ -34,6 +34,7 @@ mod simplify;
 mod spill;
 mod steps;
 pub mod synth;
+mod tears;
 mod triangle_bvh;
 mod verify;
 

@@ -23,7 +23,9 @@ mod queue;
 use glam::DVec3;
 use hlod_compress::Mesh;
 
+use crate::borders::Cube;
 use crate::certificate::{Ask, Carried, Certificate, Deviation, NONE, Pair, Surface, certify};
+use crate::tears::fill_simplified;
 use chains::{Shading, simplify_chains};
 use collapse::{AttributeLimits, Collapser, Limits, Pin, Vertex};
 use emit::{Emitted, add_speck, emit, surface_of};
@@ -257,6 +259,8 @@ fn refine<const K: usize>(
     for round in 0.. {
         let Emitted { mut mesh, became } = emit(collapser, prepared, centre, budget);
         specks.iter().for_each(|&t| add_speck(&mut mesh, prepared, t, budget));
+        let cube = Cube { min: budget.cell_min, units: budget.cell_units };
+        fill_simplified(&mut mesh, TEAR_SHARE * budget.whole, &cube);
         if mesh.triangles.is_empty() {
             // Rounding left nothing.
             specks = (0..prepared.surface.triangles.len() as u32).collect();
@@ -325,6 +329,10 @@ const RELEASE_ROUND: u32 = 8;
 /// From this round on, what is still lost has been rounded away: pieces by themselves that are
 /// smaller than the grid.
 const SPECK_ROUND: u32 = 4;
+
+/// Openings that rounding left, or the source had, are filled by triangles that stray no more than
+/// this share of the budget from their borders.
+const TEAR_SHARE: f64 = 0.25;
 
 /// Distances below this share of the budget are not told apart: doing so would cost most of the
 /// time and gain little.
