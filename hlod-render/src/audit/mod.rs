@@ -3,8 +3,8 @@
 //! For each view the scan is drawn at full resolution with 4 × 4 samples a pixel, by the same
 //! passes but from its own vertices: neither the builder nor the octree has a part in it. Then
 //!
-//! - a *hole* is a pixel well inside the reference that shows background, a back of a closed
-//!   surface, or something far behind;
+//! - a *hole* is a pixel well inside the reference that shows background or something far behind,
+//!   backs of closed surfaces left out: through a crack one sees only what lies beyond;
 //! - *overdraw* is a pixel drawn more than a pixel outside the reference;
 //! - *appearance distance* is how far one must look in the reference to find a pixel's shade, and
 //!   the other way round; the full model at one sample a pixel is scored too: the floor, which is
@@ -67,6 +67,9 @@ pub struct AuditReport {
     pub pixels_compared: u64,
     /// Pixels that show something behind the surface.
     pub hole_pixels: u64,
+    /// Pixels that would show a back of a closed surface right in front of a front, were backs
+    /// drawn: folds and outlines within the surface.
+    pub fold_pixels: u64,
     /// Pixels drawn outside the reference.
     pub overdraw_pixels: u64,
     /// How far shades are from their place.
@@ -142,7 +145,7 @@ pub fn audit(
     let mut floor = [Distances::default(), Distances::default()];
     let mut outlines = [silhouette::Scores::default(), silhouette::Scores::default()];
     let mut per_view: Vec<ViewScore> = Vec::new();
-    let (mut holes, mut overdraw, mut compared) = (0, 0, 0);
+    let (mut holes, mut folds, mut overdraw, mut compared) = (0, 0, 0, 0);
     let mut worst = -1.0;
     for (i, camera) in cameras.iter().enumerate() {
         let light = light_from_angles(camera, options.light.0, options.light.1);
@@ -150,18 +153,16 @@ pub fn audit(
 
         // Draw: as the user sees it, and the reference at 4 × 4 and at one sample a pixel.
         let (width, height) = options.size;
-        let drawn = draw_layer(
-            gpu,
-            &mut renderer,
-            &mut Source::Models(&mut models),
-            &shot,
-            width,
-            height,
-            1,
-        )?;
+        let with_backs = Shot { draw_backs: true, ..shot };
+        let mut draw_layer = |source: &mut Source<'_>, shot: &Shot, n: u32| {
+            draw_layer(gpu, &mut renderer, source, shot, (width, height), n)
+        };
+        let mut source = Source::Models(&mut models);
+        let drawn = draw_layer(&mut source, &with_backs, 1)?;
+        let culled = draw_layer(&mut source, &Shot { draw_backs: false, ..shot }, 1)?.0;
         let mut source = Source::Reference(&reference);
-        let truth = draw_layer(gpu, &mut renderer, &mut source, &shot, width, height, SAMPLES)?;
-        let once = draw_layer(gpu, &mut renderer, &mut source, &shot, width, height, 1)?;
+        let truth = draw_layer(&mut source, &with_backs, SAMPLES)?;
+        let once = draw_layer(&mut source, &with_backs, 1)?;
 
         let half_extent = camera.half_extent(f64::from(width) / f64::from(height));
         let pixel_at_unit_depth = 2.0 * half_extent.y / f64::from(height);
@@ -172,14 +173,14 @@ pub fn audit(
             tau_px: shot.error_threshold_px,
             backs_are_holes: reference.closed_oriented,
         };
-        let scores = score(&drawn.0, &truth.0, &scale);
-        let floor_scores = score(&once.0, &truth.0, &scale);
+        let scores = score(&drawn.0, &culled, &truth.0, &scale);
+        let floor_scores = score(&once.0, &once.0, &truth.0, &scale);
 
         // Outlines at 8 × 8 positions a pixel.
         let fine = (width * SUBPIXELS, height * SUBPIXELS);
         let drawn_mask =
-            draw_mask(gpu, &mut renderer, &mut Source::Models(&mut models), &shot, fine)?;
-        let truth_mask = draw_mask(gpu, &mut renderer, &mut source, &shot, fine)?;
+            draw_mask(gpu, &mut renderer, &mut Source::Models(&mut models), &with_backs, fine)?;
+        let truth_mask = draw_mask(gpu, &mut renderer, &mut source, &with_backs, fine)?;
         let view_outlines = silhouette::compare(&drawn_mask, &truth_mask);
 
         let p999 = |d: &[Distances; 2]| d[0].percentile(0.999).max(d[1].percentile(0.999));
@@ -200,6 +201,7 @@ pub fn audit(
             save_pictures(folder, &drawn.1, &truth.1, &scores)?;
         }
         holes += scores.holes.len() as u64;
+        folds += scores.folds.len() as u64;
         overdraw += scores.overdraw.len() as u64;
         compared += scores.appearance[0].count();
         for side in 0..2 {
@@ -221,6 +223,7 @@ pub fn audit(
         views: cameras.len() as u32,
         pixels_compared: compared,
         hole_pixels: holes,
+        fold_pixels: folds,
         overdraw_pixels: overdraw,
         appearance_distance_px: AppearanceDistance {
             p99: worse(&test, 0.99),
@@ -281,13 +284,11 @@ fn draw_layer(
     renderer: &mut Renderer,
     source: &mut Source<'_>,
     shot: &Shot,
-    width: u32,
-    height: u32,
+    (width, height): (u32, u32),
     n: u32,
 ) -> Result<(Layer, Picture), RenderError> {
     let canvas = Canvas::new(gpu, width * n, height * n)?;
-    // The front is the user's, whatever the number of samples. Backs are drawn everywhere, so that
-    // a crack shows the inner wall, and are told apart by their identity.
+    // The front is the user's, whatever the number of samples.
     let shot = Shot { error_threshold_px: shot.error_threshold_px * f64::from(n), ..*shot };
     draw(gpu, renderer, source, &shot, &canvas)?;
     let picture = canvas.picture(gpu)?;
@@ -326,15 +327,14 @@ fn draw(
     shot: &Shot,
     canvas: &Canvas,
 ) -> Result<(), RenderError> {
-    let shot = Shot { draw_backs: true, ..*shot };
     match source {
         Source::Models(models) => {
-            renderer.render_complete(gpu, models, &shot, &canvas.targets)?;
+            renderer.render_complete(gpu, models, shot, &canvas.targets)?;
             if let Some(problem) = models.iter_mut().find_map(|m| m.take_problems().pop()) {
                 return Err(gpu.error(format!("a part of the file is damaged: {problem}")));
             }
         }
-        Source::Reference(reference) => reference.draw(gpu, renderer, &shot, &canvas.targets),
+        Source::Reference(reference) => reference.draw(gpu, renderer, shot, &canvas.targets),
     }
     Ok(())
 }

@@ -55,7 +55,7 @@ pub struct Scale {
     pub perspective: bool,
     /// τ of the drawing.
     pub tau_px: f64,
-    /// Whether the surface is closed, so that a back can only be seen through a crack.
+    /// Whether the surface is closed and its backs are never drawn for users.
     pub backs_are_holes: bool,
 }
 
@@ -115,6 +115,8 @@ impl Distances {
 pub struct Scores {
     /// Indices of hole pixels.
     pub holes: Vec<usize>,
+    /// Indices of pixels that show a back with a front right behind it.
+    pub folds: Vec<usize>,
     /// Indices of overdraw pixels.
     pub overdraw: Vec<usize>,
     /// From the drawing to the reference, and from the reference to the drawing.
@@ -123,11 +125,12 @@ pub struct Scores {
     pub distance_px: Vec<f32>,
 }
 
-/// Compares a drawing of one sample a pixel with a reference of 4 × 4.
+/// Compares a drawing of one sample a pixel with a reference of 4 × 4; `culled` is the same drawing
+/// without the backs of closed surfaces, as users see it.
 ///
 /// # Panics
 /// When the reference is not four times as large.
-pub fn score(drawn: &Layer, truth: &Layer, scale: &Scale) -> Scores {
+pub fn score(drawn: &Layer, culled: &Layer, truth: &Layer, scale: &Scale) -> Scores {
     let n = SAMPLES as usize;
     assert!(truth.width == n * drawn.width && truth.height == n * drawn.height);
     let reference = Reduced::new(truth);
@@ -142,8 +145,11 @@ pub fn score(drawn: &Layer, truth: &Layer, scale: &Scale) -> Scores {
             }
             // Off the axis a pixel's ray is longer than its depth.
             let inside = ring.all_covered && !reference.jumps(&ring, scale);
-            if inside && is_hole(drawn, p, &ring, scale) {
+            let shows_back = scale.backs_are_holes && drawn.back[p];
+            if inside && is_hole(if shows_back { culled } else { drawn }, p, &ring, scale) {
                 scores.holes.push(p);
+            } else if shows_back {
+                scores.folds.push(p);
             }
             let wide = reference.window(x, y, 2);
             let scored =
@@ -161,9 +167,11 @@ pub fn score(drawn: &Layer, truth: &Layer, scale: &Scale) -> Scores {
 }
 
 fn is_hole(drawn: &Layer, p: usize, ring: &Window, scale: &Scale) -> bool {
-    if !drawn.covered[p] || scale.backs_are_holes && drawn.back[p] {
+    if !drawn.covered[p] {
         return true;
     }
+    // Through a crack in a closed surface there is nothing but what lies beyond. (A back alone does
+    // not tell: a fold of the surface, and every outline of it within one, shows some before a front.)
     // ε_drawn covers at most τ pixels; one more for the pixel itself. The window's own depth range
     // takes the surface's slope into account.
     let tolerance = (scale.tau_px + 1.0) * scale.pixel(ring.farthest) * 1.2;

@@ -50,7 +50,7 @@ fn centre() -> usize {
 
 #[test]
 fn the_right_picture_passes() {
-    let scores = score(&good(), &truth(), &SCALE);
+    let scores = score(&good(), &good(), &truth(), &SCALE);
     assert!(scores.holes.is_empty() && scores.overdraw.is_empty());
     assert!(scores.appearance[0].count() > 300);
     // One sample a pixel costs at most the step from a pixel to its neighbours: the floor.
@@ -60,7 +60,7 @@ fn the_right_picture_passes() {
 
 #[test]
 fn a_shift_by_two_pixels_is_measured_as_such() {
-    let scores = score(&disc(1, 2.0, 15.0), &truth(), &SCALE);
+    let scores = score(&disc(1, 2.0, 15.0), &disc(1, 2.0, 15.0), &truth(), &SCALE);
     let worst = p999(&scores);
     assert!((1.0..=4.0).contains(&worst), "{worst}");
 }
@@ -84,7 +84,7 @@ fn a_blur_is_found() {
             fine.shade[y * fine.width + x] = sharp.shade[p];
         }
     }
-    assert_eq!(p999(&score(&sharp, &fine, &SCALE)), 0.0);
+    assert_eq!(p999(&score(&sharp, &sharp, &fine, &SCALE)), 0.0);
     let mut blurred = sharp.clone();
     for y in 1..H - 1 {
         for x in 1..W - 1 {
@@ -92,17 +92,17 @@ fn a_blur_is_found() {
             blurred.shade[y * W + x] = sum / 9.0;
         }
     }
-    assert!(p999(&score(&blurred, &fine, &SCALE)) >= 1.0);
+    assert!(p999(&score(&blurred, &blurred, &fine, &SCALE)) >= 1.0);
 }
 
 #[test]
 fn flat_grey_and_salt_and_pepper_are_found() {
     let mut grey = good();
     grey.shade.iter_mut().for_each(|s| *s = 0.5);
-    assert!(p999(&score(&grey, &truth(), &SCALE)) >= 2.0);
+    assert!(p999(&score(&grey, &grey, &truth(), &SCALE)) >= 2.0);
     let mut noisy = good();
     noisy.shade.iter_mut().step_by(97).for_each(|s| *s = 1.0);
-    assert!(p999(&score(&noisy, &truth(), &SCALE)) >= 4.0);
+    assert!(p999(&score(&noisy, &noisy, &truth(), &SCALE)) >= 4.0);
 }
 
 #[test]
@@ -110,25 +110,31 @@ fn holes_of_every_kind_are_counted() {
     let mut gone = good();
     gone.covered[centre()] = false;
     gone.depth[centre()] = f32::INFINITY;
-    assert_eq!(score(&gone, &truth(), &SCALE).holes, [centre()]);
+    assert_eq!(score(&gone, &gone, &truth(), &SCALE).holes, [centre()]);
 
     let mut back = good();
     back.back[centre()] = true;
-    assert_eq!(score(&back, &truth(), &SCALE).holes, [centre()]);
+    // A back with nothing behind it is a crack's inner wall; with a front close behind it is a fold.
+    assert_eq!(score(&back, &gone, &truth(), &SCALE).holes, [centre()]);
+    let fold = score(&back, &good(), &truth(), &SCALE);
+    assert!(fold.holes.is_empty() && fold.folds == [centre()]);
+    let mut far = good();
+    far.depth[centre()] = 5.0 + 0.03;
+    assert_eq!(score(&back, &far, &truth(), &SCALE).holes, [centre()]);
     let open = Scale { backs_are_holes: false, ..SCALE };
-    assert!(score(&back, &truth(), &open).holes.is_empty());
+    assert!(score(&back, &back, &truth(), &open).holes.is_empty());
 
     let mut behind = good();
     behind.depth[centre()] = 5.0 + 0.03;
-    assert_eq!(score(&behind, &truth(), &SCALE).holes, [centre()]);
+    assert_eq!(score(&behind, &behind, &truth(), &SCALE).holes, [centre()]);
     behind.depth[centre()] = 5.0 + 0.01;
-    assert!(score(&behind, &truth(), &SCALE).holes.is_empty());
+    assert!(score(&behind, &behind, &truth(), &SCALE).holes.is_empty());
 }
 
 #[test]
 fn a_strip_outside_is_overdraw_and_a_rim_of_one_pixel_is_not() {
-    assert!(score(&disc(1, 0.0, 15.8), &truth(), &SCALE).overdraw.is_empty());
-    assert!(score(&disc(1, 0.0, 18.0), &truth(), &SCALE).overdraw.len() > 50);
+    assert!(score(&disc(1, 0.0, 15.8), &disc(1, 0.0, 15.8), &truth(), &SCALE).overdraw.is_empty());
+    assert!(score(&disc(1, 0.0, 18.0), &disc(1, 0.0, 18.0), &truth(), &SCALE).overdraw.len() > 50);
 }
 
 #[test]
