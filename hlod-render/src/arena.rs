@@ -6,6 +6,7 @@ use range_alloc::RangeAllocator;
 
 use crate::gpu::Gpu;
 use crate::loader::GpuMesh;
+use crate::skirts::VERTICES_MAX;
 
 /// Vertices and triangles of many nodes in one set of buffers.
 pub(crate) struct Arena {
@@ -28,6 +29,10 @@ pub(crate) struct ArenaSize {
 const VERTEX_BYTES: u64 = 16;
 const TRIANGLE_BYTES: u64 = 12;
 const COLOUR_BYTES: u64 = 4;
+/// Bytes of one buffer at most.
+const BUFFER_BYTES_MAX: u64 = 128 << 20;
+// An index of a skirt says more than a vertex' number.
+const _: () = assert!(BUFFER_BYTES_MAX / VERTEX_BYTES < VERTICES_MAX as u64);
 
 impl ArenaSize {
     /// For a model of so many vertices and triangles in all, within what one binding may hold.
@@ -37,7 +42,7 @@ impl ArenaSize {
         triangles: u64,
         has_colours: bool,
     ) -> ArenaSize {
-        let binding = gpu.device.limits().max_storage_buffer_binding_size.min(128 << 20);
+        let binding = gpu.device.limits().max_storage_buffer_binding_size.min(BUFFER_BYTES_MAX);
         // Half again for ranges that do not fit exactly.
         let fit = |count: u64, bytes: u64| (count + count / 2 + 1024).min(binding / bytes) as u32;
         ArenaSize {

@@ -91,8 +91,11 @@ impl Renderer {
         for (model, front) in models.iter().zip(fronts) {
             for (arena, buffers) in model.arenas().iter().enumerate() {
                 let has_colours = model.header().has_colours();
-                let uniform =
-                    uniform(model.world_from_model(), has_colours, shot, targets, first_identity);
+                let world_from_model = model.world_from_model();
+                let mut uniform =
+                    uniform(world_from_model, has_colours, shot, targets, first_identity);
+                let step = model.header().lattice.step;
+                uniform.skirt = skirt(front, &world_from_model, step, shot, targets);
                 uniforms.push((uniform, buffers));
                 let index = uniforms.len() - 1;
                 for draw in &front.draws {
@@ -183,9 +186,27 @@ pub(crate) fn uniform(
         eye,
         light,
         material: shot.material.albedo.extend(shot.material.highlight),
+        skirt: Vec4::ZERO,
         shading: Vec4::new(shot.material.ambient, flag(has_colours), flag(shot.backs_magenta), 1.0),
         size: [width, height, first_identity, 0],
     }
+}
+
+/// How far skirts reach, for one model: see [`crate::skirts`] and `Frame` in `shared.wgsl`.
+fn skirt(
+    front: &Front,
+    world_from_model: &DMat4,
+    step: f64,
+    shot: &Shot,
+    targets: &Targets,
+) -> Vec4 {
+    let (width, height) = (f64::from(targets.width()), f64::from(targets.height()));
+    // Both sides of a seam may be wrong. Nearer than its error no node has a bound; what covers the
+    // picture is enough.
+    let pixels = (2.0 * front.border_px).min(height);
+    let world_per_pixel = 2.0 * shot.camera.half_extent(width / height).y / height;
+    let scale = world_from_model.x_axis.truncate().length();
+    Vec4::new((pixels * world_per_pixel / scale) as f32, 2.0 * step as f32, 0.0, 0.0)
 }
 
 fn stats(models: &[Model], fronts: &[Front], shot: &Shot) -> FrameStats {
@@ -197,11 +218,12 @@ fn stats(models: &[Model], fronts: &[Front], shot: &Shot) -> FrameStats {
         stats.missing_parts += front
             .wanted
             .iter()
-            .filter(|w| matches!(w.part, Part::Page(_) | Part::Block(_)))
+            .filter(|w| matches!(w.part, Part::Page(..) | Part::Block(_)))
             .count();
         for draw in &front.draws {
             let node = &model.skeleton().nodes()[draw.node as usize];
-            stats.triangles += u64::from(node.representations[draw.representation].triangles);
+            let triangles = model.slot(draw.node, draw.representation).map(|s| s.triangles.len());
+            stats.triangles += triangles.unwrap_or(0) as u64;
             // A leaf is as fine as it gets.
             let ratio = if node.children == ChildLink::None { 0.0 } else { draw.error_px / tau };
             let ratio = ratio.min(1e6);

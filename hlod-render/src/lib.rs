@@ -24,6 +24,7 @@ pub mod picture;
 pub mod scene;
 pub mod select;
 pub mod skeleton;
+pub mod skirts;
 #[cfg(feature = "viewer")]
 pub mod viewer;
 

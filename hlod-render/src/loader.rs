@@ -12,8 +12,10 @@ use std::time::{Duration, Instant};
 
 use bytemuck::{Pod, Zeroable};
 use hlod_compress::{
-    BlockRef, FormatError, HlodFile, Lattice, PageRef, SkeletonBlock, decode_mesh,
+    BlockRef, CellKey, FormatError, HlodFile, Lattice, PageRef, SkeletonBlock, decode_mesh,
 };
+
+use crate::skirts::skirts;
 
 /// What a request is for, as its submitter knows it.
 pub type Ticket = u64;
@@ -23,8 +25,8 @@ pub type Ticket = u64;
 pub enum Part {
     /// A skeleton block.
     Block(BlockRef),
-    /// A page.
-    Page(PageRef),
+    /// A page, and the cell of its node.
+    Page(PageRef, CellKey),
 }
 
 impl Part {
@@ -32,7 +34,7 @@ impl Part {
     pub fn file_bytes(&self) -> u64 {
         match self {
             Part::Block(block) => u64::from(block.block_bytes),
-            Part::Page(page) => u64::from(page.page_bytes),
+            Part::Page(page, _) => u64::from(page.page_bytes),
         }
     }
 }
@@ -85,7 +87,8 @@ pub struct GpuMesh {
     pub vertices: Vec<GpuVertex>,
     /// sRGB and alpha, or empty.
     pub colours: Vec<[u8; 4]>,
-    /// Three a triangle, counted from the mesh's first vertex.
+    /// Three a triangle, counted from the mesh's first vertex; of skirts with the marks of
+    /// [`crate::skirts`].
     pub indices: Vec<u32>,
 }
 
@@ -102,7 +105,7 @@ pub fn model_origin(lattice: &Lattice) -> glam::DVec3 {
 pub fn decode(part: &Part, bytes: &[u8], lattice: &Lattice) -> Result<Loaded, FormatError> {
     match part {
         Part::Block(block) => SkeletonBlock::parse(bytes, *block).map(Loaded::Block),
-        Part::Page(page) => {
+        Part::Page(page, cell) => {
             page.check(bytes)?;
             let mesh = decode_mesh(bytes)?;
             let half = f64::from(lattice.root_units) / 2.0;
@@ -110,11 +113,10 @@ pub fn decode(part: &Part, bytes: &[u8], lattice: &Lattice) -> Result<Loaded, Fo
                 position: position.map(|c| ((f64::from(c) - half) * lattice.step) as f32),
                 normal: normal.0,
             };
-            Ok(Loaded::Mesh(GpuMesh {
-                vertices: mesh.positions.iter().zip(&mesh.normals).map(vertex).collect(),
-                colours: mesh.colours,
-                indices: mesh.triangles.into_iter().flatten().collect(),
-            }))
+            let vertices = mesh.positions.iter().zip(&mesh.normals).map(vertex).collect();
+            let mut indices = mesh.triangles.as_flattened().to_vec();
+            indices.extend(skirts(&mesh, *cell, lattice));
+            Ok(Loaded::Mesh(GpuMesh { vertices, colours: mesh.colours, indices }))
         }
     }
 }
@@ -198,7 +200,7 @@ fn work(shared: &Shared, completions: &mpsc::Sender<Completion>) {
 
         let read = match &part {
             Part::Block(b) => shared.file.read_range("skeleton block", b.offset, b.block_bytes),
-            Part::Page(p) => shared.file.read_range("page", p.offset, p.page_bytes),
+            Part::Page(p, _) => shared.file.read_range("page", p.offset, p.page_bytes),
         };
         let bytes_read = read.as_ref().map_or(0, |bytes| bytes.len() as u64);
         let lattice = &shared.file.header().lattice;

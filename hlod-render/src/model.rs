@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet, VecDeque};
 use std::path::{Path, PathBuf};
 
 use glam::{DMat4, DVec3};
-use hlod_compress::{Header, HlodFile};
+use hlod_compress::{CellKey, Header, HlodFile};
 
 use crate::arena::{Arena, ArenaSize, Slot};
 use crate::error::RenderError;
@@ -71,7 +71,7 @@ impl Model {
         let file = HlodFile::open(path).map_err(&format)?;
         let header = file.header().clone();
         let root_block = file.read_block(header.root_block).map_err(&format)?;
-        let skeleton = Skeleton::new(header.lattice, &root_block);
+        let skeleton = Skeleton::new(header.lattice, header.resolution, &root_block);
         let (loader, _) =
             FileLoader::open(path, READER_THREADS, limits.read_bytes_per_sec).map_err(&format)?;
 
@@ -105,7 +105,7 @@ impl Model {
         };
         let root = model.skeleton.nodes()[0].representations.clone();
         for (i, representation) in root.iter().enumerate() {
-            let part = crate::loader::Part::Page(representation.page);
+            let part = crate::loader::Part::Page(representation.page, CellKey::ROOT);
             let bytes = file.read_page(representation.page).map_err(&format)?;
             model.bytes_read += bytes.len() as u64;
             if let Loaded::Mesh(mesh) =

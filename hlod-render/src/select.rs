@@ -168,6 +168,8 @@ pub struct Front {
     pub wanted: Vec<Wanted>,
     /// Nodes that would be drawn if everything were resident.
     pub ideal_nodes: usize,
+    /// How many pixels the borders of drawn nodes are from their place, at most.
+    pub border_px: f64,
 }
 
 /// Ticket of a node's page.
@@ -197,6 +199,11 @@ pub fn select(
     if !skeleton.nodes().is_empty() {
         search.visit(0);
     }
+    let of_border = |draw: &Draw| {
+        let node = &skeleton.nodes()[draw.node as usize];
+        view.error_px(node.border_error, node.min, node.max)
+    };
+    search.front.border_px = search.front.draws.iter().map(of_border).fold(0.0, f64::max);
     search
         .front
         .wanted
@@ -277,11 +284,11 @@ impl Search<'_> {
     }
 
     fn want_page(&mut self, draw: &Draw) {
-        let page =
-            self.skeleton.nodes()[draw.node as usize].representations[draw.representation].page;
+        let node = &self.skeleton.nodes()[draw.node as usize];
+        let page = node.representations[draw.representation].page;
         self.front.wanted.push(Wanted {
             ticket: page_ticket(draw.node, draw.representation),
-            part: Part::Page(page),
+            part: Part::Page(page, node.cell),
             urgency: self.urgency(draw),
         });
     }

@@ -2,14 +2,19 @@
 
 use glam::DVec3;
 use hlod_compress::{
-    BlockRef, Children, Lattice, NodeRecord, PageRef, RepresentationKind, SkeletonBlock,
+    BlockRef, CellKey, Children, Lattice, NodeRecord, PageRef, RepresentationKind, SkeletonBlock,
 };
 
 /// A node, in model space (source coordinates relative to the root cube's centre).
 #[derive(Debug, Clone)]
 pub struct Node {
+    /// Its cell.
+    pub cell: CellKey,
     /// Depth; 0 is the root.
     pub depth: u8,
+    /// How far the lines in which it ends on its cell's faces may be from the scan's, in the source's
+    /// unit, whatever its representation.
+    pub border_error: f64,
     /// Lowest corner of its geometry.
     pub min: DVec3,
     /// Highest corner.
@@ -60,13 +65,14 @@ pub enum ChildLink {
 #[derive(Debug, Clone)]
 pub struct Skeleton {
     lattice: Lattice,
+    resolution: u32,
     nodes: Vec<Node>,
 }
 
 impl Skeleton {
-    /// Begins with the root's block.
-    pub fn new(lattice: Lattice, root: &SkeletonBlock) -> Skeleton {
-        let mut skeleton = Skeleton { lattice, nodes: Vec::new() };
+    /// Begins with the root's block; `resolution` is the header's.
+    pub fn new(lattice: Lattice, resolution: u32, root: &SkeletonBlock) -> Skeleton {
+        let mut skeleton = Skeleton { lattice, resolution, nodes: Vec::new() };
         skeleton.append(root);
         skeleton
     }
@@ -103,8 +109,15 @@ impl Skeleton {
             let axis = DVec3::from_array(record.cone.axis.decode().map(f64::from)).normalize();
             (axis, f64::from(record.cone.cosine).acos())
         });
+        let border_error = match record.children {
+            // Cut points are rounded.
+            Children::None => self.lattice.step,
+            _ => self.lattice.cell_edge(record.cell.depth()) / f64::from(self.resolution.max(1)),
+        };
         Node {
+            cell: record.cell,
             depth: record.cell.depth(),
+            border_error,
             min: place(record.bounds[0]),
             max: place(record.bounds[1]),
             cone,

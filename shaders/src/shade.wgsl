@@ -13,13 +13,6 @@ fn shade_vertex(@builtin(vertex_index) corner: u32) -> @builtin(position) vec4<f
     return vec4(p * 4.0 - 1.0, 0.0, 1.0);
 }
 
-fn octahedral(code: u32) -> vec3<f32> {
-    let xy = vec2(f32(i32(code << 16u) >> 16u), f32(i32(code) >> 16u)) / 2047.0;
-    let z = 1.0 - abs(xy.x) - abs(xy.y);
-    let folded = (1.0 - abs(xy.yx)) * select(vec2(-1.0), vec2(1.0), xy >= vec2(0.0));
-    return normalize(vec3(select(folded, xy, z >= 0.0), z));
-}
-
 fn linear_from_srgb(c: vec3<f32>) -> vec3<f32> {
     let high = pow((c + 0.055) / 1.055, vec3(2.4));
     return select(high, c / 12.92, c <= vec3(0.04045));
@@ -65,8 +58,9 @@ fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32>
     var normal: array<vec3<f32>, 3>;
     var colour: array<vec3<f32>, 3>;
     for (var i = 0u; i < 3u; i++) {
-        let v = indices[3u * number + i];
-        corner[i] = position_of(v);
+        let index = indices[3u * number + i];
+        let v = index & VERTEX;
+        corner[i] = position_of(index);
         clip[i] = frame.clip_from_model * vec4(corner[i], 1.0);
         normal[i] = octahedral(vertices[v].normal);
         if frame.shading.y > 0.5 {

@@ -11,6 +11,8 @@ struct Frame {
     light: vec4<f32>,
     // rgb: linear light of the material; a: strength of the highlight.
     material: vec4<f32>,
+    // How far skirts reach into the surface, in model space: x for each unit of clip.w, plus y.
+    skirt: vec4<f32>,
     // x: ambient share; y: 1 where vertices carry colours; z: 1 to paint backs magenta;
     // w: 1 where backs are drawn like fronts.
     shading: vec4<f32>,
@@ -29,14 +31,37 @@ struct Vertex {
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> vertices: array<Vertex>;
-// Three for each triangle, counted from the arena's first vertex.
+// Three for each triangle, counted from the arena's first vertex. Marked ones are the lower
+// corners of skirts, which are moved into the surface within a face of their cell.
 @group(0) @binding(2) var<storage, read> indices: array<u32>;
 
 // A pixel's identity: 0 where nothing is drawn, else 1 + the number of the triangle among all
 // arenas, with the highest bit set where its back is seen.
 const BACK: u32 = 0x80000000u;
 
-fn position_of(vertex: u32) -> vec3<f32> {
-    let v = vertices[vertex];
-    return vec3(v.x, v.y, v.z);
+const MOVED: u32 = 0x80000000u;
+const VERTEX: u32 = 0x1fffffffu;
+
+fn octahedral(code: u32) -> vec3<f32> {
+    let xy = vec2(f32(i32(code << 16u) >> 16u), f32(i32(code) >> 16u)) / 2047.0;
+    let z = 1.0 - abs(xy.x) - abs(xy.y);
+    let folded = (1.0 - abs(xy.yx)) * select(vec2(-1.0), vec2(1.0), xy >= vec2(0.0));
+    return normalize(vec3(select(folded, xy, z >= 0.0), z));
+}
+
+// Model space, of an index as `indices` has it.
+fn position_of(index: u32) -> vec3<f32> {
+    let v = vertices[index & VERTEX];
+    let position = vec3(v.x, v.y, v.z);
+    if (index & MOVED) == 0u {
+        return position;
+    }
+    let normal = octahedral(v.normal);
+    let axis = (index >> 29u) & 3u;
+    let inward = -select(normal, vec3(0.0), vec3(0u, 1u, 2u) == vec3(axis));
+    let inward_length = length(inward);
+    // Where the surface runs along the face there is no inside within it.
+    let direction = select(-normal, inward / inward_length, inward_length > 0.05);
+    let depth = (frame.clip_from_model * vec4(position, 1.0)).w;
+    return position + direction * (frame.skirt.x * max(depth, 0.0) + frame.skirt.y);
 }

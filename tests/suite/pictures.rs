@@ -109,6 +109,85 @@ fn cold_frames_never_wait_and_fill_up() {
     assert!(last.nodes > 4 && last.triangles > first.triangles);
 }
 
+/// A ball that is coarse enough for its levels of detail to part visibly.
+fn coarse_ball(folder: &std::path::Path, resolution: u32) -> [std::path::PathBuf; 2] {
+    let [ply, hlod] = ["ball.ply", "ball.hlod"].map(|f| folder.join(f));
+    std::fs::write(&ply, bumpy_ball(140)).unwrap();
+    built(&ply, &hlod, |o| {
+        o.leaf_triangles = 700;
+        o.resolution = resolution;
+    });
+    [ply, hlod]
+}
+
+/// Nodes of all depths side by side, at errors of half a pixel and of several: no light gets
+/// through, and nothing stands out.
+#[test]
+fn seams_between_depths_are_closed() {
+    let folder = tempfile::tempdir().unwrap();
+    let [ply, hlod] = coarse_ball(folder.path(), 24);
+    let gpu = gpu();
+    let framing = Framing::of(&Model::open(&gpu, &hlod, ModelLimits::default()).unwrap());
+    let options = AuditOptions {
+        size: (160, 120),
+        views: 20,
+        path: None,
+        light: (-45.0, 30.0),
+        pictures: None,
+    };
+    for error_threshold_px in [0.5, 1.0, 4.0] {
+        let shot = Shot { error_threshold_px, ..shot(&framing, Representation::Hybrid) };
+        let against = std::slice::from_ref(&ply);
+        let report = audit(&gpu, &hlod, against, &shot, &options, &mut |_| {}).unwrap();
+        assert_eq!(report.hole_pixels, 0, "tau {error_threshold_px}: {:?}", report.per_view);
+        assert_eq!(report.overdraw_pixels, 0, "tau {error_threshold_px}: {:?}", report.per_view);
+    }
+}
+
+/// The same while nodes arrive, so that the finest lie beside the coarsest.
+#[test]
+fn seams_are_closed_while_nodes_arrive() {
+    let folder = tempfile::tempdir().unwrap();
+    let [_, hlod] = coarse_ball(folder.path(), 10);
+    let gpu = gpu();
+    let limits = ModelLimits { read_bytes_per_sec: Some(2e5), ..ModelLimits::default() };
+    let mut models = [Model::open(&gpu, &hlod, limits).unwrap()];
+    let framing = Framing::of(&models[0]);
+    let shot = shot(&framing, Representation::Full);
+    let size = 256;
+    let canvas = Canvas::new(&gpu, size, size).unwrap();
+    let mut renderer = Renderer::new(&gpu, PICTURE_FORMAT);
+    let (mut covered, mut nodes_drawn) = (Vec::new(), std::collections::BTreeSet::new());
+    for _ in 0..5000 {
+        let stats = renderer.render(&gpu, &mut models, &shot, &canvas.targets).unwrap();
+        if nodes_drawn.insert(stats.nodes) {
+            let frame = canvas.identities(&gpu).unwrap();
+            covered.push(frame.into_iter().map(|id| id != 0).collect::<Vec<bool>>());
+        }
+        if stats.missing_parts == 0 {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    assert!(covered.len() > 5, "drawn with {nodes_drawn:?} nodes");
+    // Backs are culled: a crack would show what is behind the ball. Its outline may move by the
+    // coarsest node's error.
+    let (whole, w) = (covered.last().unwrap(), size as usize);
+    let error_px = 2.0 / 10.0 * f64::from(size) / 2.0;
+    let margin = error_px.ceil() as usize + 1;
+    let inside = |p: usize| {
+        let (x, y) = (p % w, p / w);
+        let square = |c: usize| c.saturating_sub(margin)..=(c + margin).min(w - 1);
+        square(y).all(|y| square(x).all(|x| whole[y * w + x]))
+    };
+    let inside: Vec<usize> = (0..w * w).filter(|&p| inside(p)).collect();
+    assert!(inside.len() > 3000);
+    for (frame, covered) in covered.iter().enumerate() {
+        let holes = inside.iter().filter(|&&p| !covered[p]).count();
+        assert_eq!(holes, 0, "in frame {frame}");
+    }
+}
+
 #[test]
 fn a_damaged_page_is_drawn_by_its_ancestor_and_reported_once() {
     let b = ball(120);

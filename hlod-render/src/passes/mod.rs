@@ -21,6 +21,8 @@ pub struct FrameUniform {
     pub light: Vec4,
     /// Linear albedo and highlight.
     pub material: Vec4,
+    /// Reach of skirts for each unit of depth, and at least; model space.
+    pub skirt: Vec4,
     /// Ambient share; colours; backs magenta; backs lit like fronts.
     pub shading: Vec4,
     /// Width, height, number of the arena's first triangle.

@@ -1,0 +1,118 @@
+//! Skirts: what keeps the seams between drawn nodes closed, whatever their depths.
+//!
+//! The surface in a cell ends on the cell's faces, in lines that are simplified *in* these faces, to
+//! within half of the node's budget e/R at each level and rounding of an eighth of it: so no point
+//! of such a line is farther than e/R from the scan's own section with the face, and between
+//! two nodes that are drawn side by side there is at most a slit in their common face, as wide
+//! as both their e/R together. Every border line therefore carries a strip in the face, into the
+//! body, of twice the largest e/R that is drawn. Where one border lies above the other its strip
+//! reaches past the other, so that no line of sight gets through; and a strip that goes only
+//! inwards moves no outline out of a body that is thicker.
+//!
+//! Nodes of equal depth end in the same vertices, and their strips are hidden behind both. Of two
+//! leaves of different depth the finer is cut where the coarser is not, and rounded there: by less
+//! than the two steps of the lattice that are added everywhere.
+//!
+//! A strip needs no vertices of its own: it names those of the border twice, the second time marked
+//! to be moved inwards by the vertex shader, which alone knows how far (`shared.wgsl`).
+
+use std::collections::{BTreeMap, HashMap};
+
+use hlod_compress::{CellKey, Lattice, Mesh};
+
+/// Set in an index whose vertex is to be moved inwards, in the face across the axis that the two bits
+/// below say.
+pub const MOVED: u32 = 1 << 31;
+/// Where those two bits are.
+pub const AXIS_SHIFT: u32 = 29;
+/// Vertices of a buffer have smaller numbers.
+pub const VERTICES_MAX: u32 = 1 << AXIS_SHIFT;
+
+/// An edge that runs in a face of the cell.
+struct Edge {
+    /// Numbers of its vertices in the triangle's direction.
+    vertices: [u32; 2],
+    axis: u32,
+}
+
+/// Three indices for each triangle of the strips along the borders of a cell's geometry.
+pub(crate) fn skirts(mesh: &Mesh, cell: CellKey, lattice: &Lattice) -> Vec<u32> {
+    let (min, units) = (lattice.cell_min(cell), lattice.cell_units(cell.depth()));
+    // The faces that a vertex lies on: bit `axis` for the lower, `3 + axis` for the upper.
+    let faces = |p: [i32; 3]| -> u8 {
+        (0..3).fold(0, |bits, i| {
+            let offset = p[i].abs_diff(min[i]);
+            bits | (u8::from(offset == 0) << i) | (u8::from(offset == units) << (3 + i))
+        })
+    };
+    let faces: Vec<u8> = mesh.positions.iter().map(|p| faces(*p)).collect();
+    // By positions: vertices that differ in their normals alone do not part a surface.
+    let mut edges: HashMap<[[i32; 3]; 2], Option<Edge>> = HashMap::new();
+    for t in &mesh.triangles {
+        for k in 0..3 {
+            let [a, b] = [t[k], t[(k + 1) % 3]];
+            let common = faces[a as usize] & faces[b as usize];
+            if common == 0 {
+                continue;
+            }
+            let [p, q] = [mesh.positions[a as usize], mesh.positions[b as usize]];
+            let edge = Edge { vertices: [a, b], axis: common.trailing_zeros() % 3 };
+            // What two triangles share is no border.
+            edges.entry([p.min(q), p.max(q)]).and_modify(|e| *e = None).or_insert(Some(edge));
+        }
+    }
+    let mut borders: Vec<Edge> = edges.into_values().flatten().collect();
+    borders.sort_unstable_by_key(|edge| edge.vertices);
+    let moved = |v: u32, axis: u32| v | MOVED | axis << AXIS_SHIFT;
+    let mut indices = Vec::with_capacity(6 * borders.len());
+    // The moved corners at each position: several where vertices there differ in their normals, or
+    // where faces meet.
+    let mut corners: BTreeMap<[i32; 3], Vec<u32>> = BTreeMap::new();
+    for Edge { vertices: [a, b], axis } in borders {
+        // Their fronts face out of the cell.
+        indices.extend([a, moved(a, axis), b, b, moved(a, axis), moved(b, axis)]);
+        for v in [a, b] {
+            corners.entry(mesh.positions[v as usize]).or_default().push(moved(v, axis));
+        }
+    }
+    for mut here in corners.into_values() {
+        here.sort_unstable();
+        here.dedup();
+        // Strips that part from one another are joined, from either side.
+        for pair in here.windows(2) {
+            let top = pair[0] & (VERTICES_MAX - 1);
+            indices.extend([top, pair[0], pair[1], top, pair[1], pair[0]]);
+        }
+    }
+    indices
+}
+
+#[cfg(test)]
+mod tests {
+    use hlod_compress::OctNormal;
+
+    use super::*;
+
+    #[test]
+    fn borders_on_faces_get_strips_and_nothing_else_does() {
+        let lattice = Lattice::enclosing([0.0; 3], [64.0; 3], 1.0);
+        let cell = CellKey::ROOT.child(0);
+        let units = lattice.cell_units(1) as i32;
+        // A square in the plane z = 5 across the cell, but open towards a border of its own at
+        // y = 9: edges on the faces x = 0, x = units and y = 0, which meet in two corners.
+        let positions = vec![[0, 0, 5], [units, 0, 5], [units, 9, 5], [0, 9, 5]];
+        let normals = vec![OctNormal::encode([0.0, 0.0, 1.0]); 4];
+        let triangles = vec![[0, 1, 2], [0, 2, 3]];
+        let mesh = Mesh { positions, normals, colours: Vec::new(), triangles };
+        let indices = skirts(&mesh, cell, &lattice);
+        let moved = |v: u32, axis: u32| v | MOVED | axis << AXIS_SHIFT;
+        let of =
+            |a: u32, b: u32, axis: u32| [a, moved(a, axis), b, b, moved(a, axis), moved(b, axis)];
+        let corner = |v: u32| {
+            let [p, q] = [moved(v, 0), moved(v, 1)];
+            [v, p, q, v, q, p]
+        };
+        let expected = [of(0, 1, 1), of(1, 2, 0), of(3, 0, 0), corner(0), corner(1)].concat();
+        assert_eq!(indices, expected);
+    }
+}
