@@ -1,10 +1,12 @@
 //! Skirts: what keeps the seams between drawn nodes closed, whatever their depths.
 //!
 //! The surface in a cell ends on the cell's faces, in lines that are simplified *in* these faces, to
-//! within half of the node's budget e/R at each level and rounding of an eighth of it: so no point
-//! of such a line is farther than e/R from the scan's own section with the face, and between
-//! two nodes that are drawn side by side there is at most a slit in their common face, as wide
-//! as both their e/R together. Every border line therefore carries a strip in the face, into the
+//! within half of the node's budget e/R and rounding to an eighth of it, level upon level, of which
+//! every second one is gathered: (½ + √2/16)(1 + ¼ + …) < 1, so no point of such a line is farther
+//! than e/R from the scan's own section with the face, and between two nodes that are drawn
+//! side by side there is at most a slit in their common face, as wide as both their e/R
+//! together. (The few vertices that the builder releases from these lines obey their node's
+//! certificate alone.) Every border line therefore carries a strip in the face, into the
 //! body, of twice the largest e/R that is drawn. Where one border lies above the other its strip
 //! reaches past the other, so that no line of sight gets through; and a strip that goes only
 //! inwards moves no outline out of a body that is thicker.
