@@ -62,7 +62,7 @@ fn openings(mesh: &Mesh, cube: &Cube) -> Vec<(Vec<OpenEdge>, Tear, Vec<[usize; 3
     let with_filling = |edges: Vec<OpenEdge>| {
         let tear = Tear::of(mesh, &edges);
         let triangles = tear.triangulate()?;
-        Some((edges, tear, triangles))
+        tear.is_opening(&triangles).then_some((edges, tear, triangles))
     };
     loops(mesh, &borders).into_iter().filter_map(with_filling).collect()
 }
@@ -139,6 +139,17 @@ impl Tear {
             normals: vertices.iter().map(normal).collect(),
             vertices,
         }
+    }
+
+    /// Whether what would fill it faces as the surface round it does: round the outside of a piece it
+    /// would be the piece's back.
+    fn is_opening(&self, triangles: &[[usize; 3]]) -> bool {
+        let facing = |t: &[usize; 3]| {
+            let [a, b, c] = t.map(|i| self.positions[i]);
+            let normal = t.iter().map(|&i| self.normals[i]).sum::<Vec3>().as_dvec3();
+            (b - a).cross(c - a).dot(normal)
+        };
+        triangles.iter().map(facing).sum::<f64>() > 0.0
     }
 
     fn fill(&self, triangles: &[[usize; 3]], mesh: &mut Mesh) {
@@ -337,6 +348,15 @@ mod tests {
         fill_gathered(&mut source, 90.0, &CUBE);
         assert_eq!(open(&source), 6 * 4);
         assert_eq!(source.mesh.triangles.len(), sheet(6, &[]).mesh.triangles.len());
+    }
+
+    /// The outside of a small piece is a loop, too, but no opening.
+    #[test]
+    fn pieces_get_no_backs() {
+        let mut source = sheet(2, &[[0, 1], [1, 0], [1, 1]]);
+        let before = source.mesh.clone();
+        fill_gathered(&mut source, 1000.0, &CUBE);
+        assert_eq!(source.mesh, before);
     }
 
     /// A slit is long, but none of its points is far from its sides.
