@@ -40,6 +40,8 @@ pub struct BenchReport {
     pub representation: &'static str,
     /// Adapter, backend and driver.
     pub adapter: String,
+    /// Whether small triangles were rasterised in compute.
+    pub small_triangles: bool,
     /// Version of this program.
     pub version: &'static str,
     /// Operating system, architecture and number of processors.
@@ -132,6 +134,7 @@ pub fn bench(
         path: path.name.clone(),
         representation: shot_template.representation.name(),
         adapter: gpu.describe(),
+        small_triangles: gpu.small_triangles,
         version: env!("CARGO_PKG_VERSION"),
         machine: machine(),
         command: std::env::args().collect(),

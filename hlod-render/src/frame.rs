@@ -1,13 +1,13 @@
 //! One frame, as an outline: receive → select → request → surface → shade.
 
-use glam::{DMat4, Vec4};
+use glam::{DMat4, DVec2, DVec3, Mat4, Vec4};
 
 use crate::arena::Arena;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::loader::Part;
 use crate::model::Model;
-use crate::passes::{FrameUniform, Passes, Range, Targets};
+use crate::passes::{FrameUniform, Passes, Range, Rectangle, Targets};
 use crate::scene::{Light, Representation, Shot};
 use crate::select::{Front, Selection, View, select};
 use crate::skeleton::ChildLink;
@@ -88,6 +88,7 @@ impl Renderer {
         let mut ranges = Vec::new();
         let mut uniforms = Vec::new();
         let mut first_identity = 0;
+        let mut seen = Seen::nothing(targets);
         for (model, front) in models.iter().zip(fronts) {
             for (arena, buffers) in model.arenas().iter().enumerate() {
                 let has_colours = model.header().has_colours();
@@ -98,10 +99,12 @@ impl Renderer {
                 uniform.skirt = skirt(front, &world_from_model, step, shot, targets);
                 uniforms.push((uniform, buffers));
                 let index = uniforms.len() - 1;
+                let margin_px = 2.0 * front.border_px;
                 for draw in &front.draws {
                     let Some(slot) = model.slot(draw.node, draw.representation) else { continue };
                     if slot.arena == arena {
                         let node = &model.skeleton().nodes()[draw.node as usize];
+                        seen.add(&uniform.clip_from_model, node.min, node.max, margin_px);
                         let cull_backs =
                             node.closed_oriented && !shot.draw_backs && !shot.backs_magenta;
                         ranges.push(Range {
@@ -114,20 +117,60 @@ impl Renderer {
                 first_identity += model.arena_size().triangles;
             }
         }
-        self.draw_ranges(gpu, &uniforms, &ranges, shot, targets);
+        self.draw_ranges(gpu, &uniforms, &ranges, seen.rectangle(), shot, targets);
     }
 
-    /// Draws given ranges of given arenas; a frame's last step, and all of it for the reference of
+    /// Draws given ranges of given arenas, none of which is seen outside `area`; a frame's last step, and all of it for the reference of
     /// audits.
     pub(crate) fn draw_ranges(
         &mut self,
         gpu: &Gpu,
         uniforms: &[(FrameUniform, &Arena)],
         ranges: &[Range],
+        area: Rectangle,
         shot: &Shot,
         targets: &Targets,
     ) {
-        self.passes.encode(gpu, uniforms, ranges, shot, targets);
+        self.passes.encode(gpu, uniforms, ranges, area, shot, targets);
+    }
+}
+
+/// The part of the picture in which anything is seen.
+struct Seen {
+    low: DVec2,
+    high: DVec2,
+    size: DVec2,
+}
+
+impl Seen {
+    fn nothing(targets: &Targets) -> Seen {
+        let size = DVec2::new(targets.width().into(), targets.height().into());
+        Seen { low: size, high: DVec2::ZERO, size }
+    }
+
+    /// Adds a box, and so many pixels round it.
+    fn add(&mut self, clip_from_model: &Mat4, min: DVec3, max: DVec3, margin_px: f64) {
+        for corner in 0..8 {
+            let pick = |i: usize| if corner >> i & 1 == 0 { min[i] } else { max[i] };
+            let p = DVec3::new(pick(0), pick(1), pick(2)).as_vec3();
+            let clip = *clip_from_model * p.extend(1.0);
+            if clip.w <= 0.0 || clip.z > clip.w {
+                // Nearer than the near plane: seen anywhere.
+                (self.low, self.high) = (DVec2::ZERO, self.size);
+                return;
+            }
+            let ndc = clip.truncate().truncate().as_dvec2() / f64::from(clip.w);
+            let pixel = (ndc * DVec2::new(0.5, -0.5) + 0.5) * self.size;
+            self.low = self.low.min(pixel - margin_px - 2.0);
+            self.high = self.high.max(pixel + margin_px + 2.0);
+        }
+    }
+
+    fn rectangle(&self) -> Rectangle {
+        let low = self.low.clamp(DVec2::ZERO, self.size).floor().as_uvec2();
+        let high = self.high.clamp(DVec2::ZERO, self.size).ceil().as_uvec2();
+        let extent = high.saturating_sub(low);
+        Rectangle { x: low.x, y: low.y, width: extent.x, height: extent.y }
     }
 }
 

@@ -10,6 +10,9 @@ pub struct Gpu {
     pub queue: wgpu::Queue,
     /// What it is.
     pub info: wgpu::AdapterInfo,
+    /// Whether small triangles are rasterised in compute, which takes 64-bit atomics: where the
+    /// adapter has them, unless this is set to false before a renderer is made.
+    pub small_triangles: bool,
 }
 
 /// Which adapter to use.
@@ -53,14 +56,18 @@ impl Gpu {
             max_texture_dimension_2d: supported.max_texture_dimension_2d,
             ..wgpu::Limits::default()
         };
+        let atomics = wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX;
+        let small_triangles = adapter.features().contains(atomics);
+        let required_features = if small_triangles { atomics } else { wgpu::Features::empty() };
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("hlod-render"),
+            required_features,
             required_limits: limits,
             ..Default::default()
         };
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
             .map_err(|e| RenderError::Gpu { adapter: info.name.clone(), why: e.to_string() })?;
-        Ok(Gpu { device, queue, info })
+        Ok(Gpu { device, queue, info, small_triangles })
     }
 
     /// Name, kind and driver, as in `llvmpipe (Cpu, Vulkan, Mesa 22.3.6)`.

@@ -18,6 +18,24 @@ pub const SURFACE: Pass = Pass {
     source: concat!(include_str!("shared.wgsl"), include_str!("surface.wgsl")),
 };
 
+/// Identity and depth of small triangles, in compute; needs 64-bit atomics.
+pub const SMALL: Pass = Pass {
+    name: "small",
+    source: concat!(include_str!("shared.wgsl"), include_str!("small.wgsl")),
+};
+
+/// Identity and depth of the triangles that [`SMALL`] leaves.
+pub const LARGE: Pass = Pass {
+    name: "large",
+    source: concat!(include_str!("shared.wgsl"), include_str!("large.wgsl")),
+};
+
+/// What [`SMALL`] found, into identity and depth.
+pub const RESOLVE: Pass = Pass {
+    name: "resolve",
+    source: concat!(include_str!("shared.wgsl"), include_str!("resolve.wgsl")),
+};
+
 /// Shading of the visible surface.
 pub const SHADE: Pass = Pass {
     name: "shade",
@@ -28,7 +46,7 @@ pub const SHADE: Pass = Pass {
 pub const PANEL: Pass = Pass { name: "panel", source: include_str!("panel.wgsl") };
 
 /// Every pass.
-pub const ALL: [Pass; 3] = [SURFACE, SHADE, PANEL];
+pub const ALL: [Pass; 6] = [SURFACE, SMALL, LARGE, RESOLVE, SHADE, PANEL];
 
 #[cfg(test)]
 mod tests {
@@ -41,7 +59,8 @@ mod tests {
         for pass in ALL {
             let module = naga::front::wgsl::parse_str(pass.source)
                 .unwrap_or_else(|e| panic!("{}: {}", pass.name, e.emit_to_string(pass.source)));
-            Validator::new(ValidationFlags::all(), Capabilities::empty())
+            let int64 = Capabilities::SHADER_INT64 | Capabilities::SHADER_INT64_ATOMIC_MIN_MAX;
+            Validator::new(ValidationFlags::all(), int64)
                 .validate(&module)
                 .unwrap_or_else(|e| panic!("{}: {e:?}", pass.name));
         }

@@ -16,7 +16,8 @@ struct Frame {
     // x: ambient share; y: 1 where vertices carry colours; z: 1 to paint backs magenta;
     // w: 1 where backs are drawn like fronts.
     shading: vec4<f32>,
-    // x, y: size of the picture in pixels; z: number of the arena's first triangle.
+    // x, y: size of the picture in pixels; z: number of the arena's first triangle; w: of its
+    // first chunk.
     size: vec4<u32>,
 }
 

@@ -109,6 +109,43 @@ fn cold_frames_never_wait_and_fill_up() {
     assert!(last.nodes > 4 && last.triangles > first.triangles);
 }
 
+/// What each pixel shows and how deep.
+fn layers(b: &mut Ball, renderer: &mut Renderer, shot: &Shot) -> (Vec<u32>, Vec<f32>) {
+    let canvas = Canvas::new(&b.gpu, 320, 200).unwrap();
+    renderer.render_complete(&b.gpu, &mut b.models, shot, &canvas.targets).unwrap();
+    (canvas.identities(&b.gpu).unwrap(), canvas.depths(&b.gpu).unwrap())
+}
+
+/// From far away, where triangles are smaller than pixels, to so near that some reach behind the
+/// eye; and without the optional feature of the adapter.
+#[test]
+fn compute_and_fixed_function_show_the_same() {
+    let mut b = ball(100);
+    assert!(b.gpu.small_triangles, "the software adapter has 64-bit atomics");
+    let mut in_compute = Renderer::new(&b.gpu, PICTURE_FORMAT);
+    b.gpu.small_triangles = false;
+    let mut in_fixed_function = Renderer::new(&b.gpu, PICTURE_FORMAT);
+    for (distance, draw_backs) in [(12.0, false), (3.0, false), (1.3, true), (1.02, false)] {
+        let mut shot = shot(&b.framing, Representation::Full);
+        let middle = shot.camera.target;
+        shot.camera.eye = middle + DVec3::new(0.1, 0.2, 0.97).normalize() * distance;
+        shot.camera.near = 0.01;
+        shot.draw_backs = draw_backs;
+        let (small, depths) = layers(&mut b, &mut in_compute, &shot);
+        let (fixed, fixed_depths) = layers(&mut b, &mut in_fixed_function, &shot);
+        let drawn = fixed.iter().filter(|&&id| id != 0).count();
+        assert!(drawn > 300, "{drawn} pixels at {distance}");
+        // Both snap corners to 1/256 pixel, but not alike: centres near an edge may change sides.
+        let differ = (0..fixed.len()).filter(|&p| small[p] != fixed[p]).count();
+        assert!(differ <= 2 + drawn / 50, "{differ} of {drawn} pixels at {distance}");
+        let outline = (0..fixed.len()).filter(|&p| (small[p] == 0) != (fixed[p] == 0)).count();
+        assert!(outline <= 2 + drawn / 1000, "{outline} of {drawn} pixels at {distance}");
+        let deep = |p: &usize| (depths[*p] - fixed_depths[*p]).abs() > 1e-3 * fixed_depths[*p];
+        let deep = (0..fixed.len()).filter(|&p| small[p] == fixed[p]).filter(deep).count();
+        assert_eq!(deep, 0, "depths at {distance}");
+    }
+}
+
 /// A ball that is coarse enough for its levels of detail to part visibly.
 fn coarse_ball(folder: &std::path::Path, resolution: u32) -> [std::path::PathBuf; 2] {
     let [ply, hlod] = ["ball.ply", "ball.hlod"].map(|f| folder.join(f));

@@ -12,7 +12,7 @@ use crate::frame::Renderer;
 use crate::gpu::Gpu;
 use crate::loader::{GpuMesh, GpuVertex, model_origin};
 use crate::model::Model;
-use crate::passes::{Range, Targets};
+use crate::passes::{Range, Rectangle, Targets};
 use crate::scene::Shot;
 
 /// All triangles of the inputs, in a few arenas.
@@ -104,6 +104,6 @@ impl Reference {
             .iter()
             .map(|s| Range { uniform: s.arena, triangles: s.triangles.clone(), cull_backs: false })
             .collect();
-        renderer.draw_ranges(gpu, &uniforms, &ranges, shot, targets);
+        renderer.draw_ranges(gpu, &uniforms, &ranges, Rectangle::all(targets), shot, targets);
     }
 }

@@ -8,7 +8,7 @@ use glam::DVec3;
 use hlod_render::camera::Camera;
 use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
 use hlod_render::scene::{Light, Representation};
-use hlod_render::{AdapterChoice, ModelLimits};
+use hlod_render::{AdapterChoice, Gpu, ModelLimits, RenderError};
 
 /// Show .hlod files, measure how fast and check how truthfully.
 #[derive(Parser)]
@@ -29,6 +29,13 @@ pub struct Cli {
 }
 
 impl Cli {
+    /// The GPU as it was asked for.
+    pub fn gpu(&self, draw: &DrawArgs) -> Result<Gpu, RenderError> {
+        let mut gpu = Gpu::headless(self.adapter())?;
+        gpu.small_triangles &= !draw.fixed_function;
+        Ok(gpu)
+    }
+
     pub fn adapter(&self) -> AdapterChoice {
         if self.software { AdapterChoice::Software } else { AdapterChoice::Best }
     }
@@ -74,6 +81,9 @@ pub struct DrawArgs {
     pub size: (u32, u32),
     #[command(flatten)]
     pub precision: PrecisionArgs,
+    /// Leave small triangles to the adapter's rasteriser, too, instead of compute.
+    #[arg(long)]
+    pub fixed_function: bool,
     /// AZIMUTH,ELEVATION of parallel light in degrees, relative to the picture: 0,0 comes from the
     /// eye, positive from the right and from above; or RIGHT,UP,FRONT of a lamp (not for audits).
     #[arg(long, value_name = "LIGHT", default_value = "-45,40", value_parser = numbers::<2, 3>, allow_hyphen_values = true)]

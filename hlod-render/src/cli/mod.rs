@@ -17,7 +17,7 @@ use hlod_render::framing::{FOV_Y_DEG, Framing};
 use hlod_render::path::CameraPath;
 use hlod_render::picture::take;
 use hlod_render::scene::{BACKGROUND, Material, Shot};
-use hlod_render::{Gpu, Model, ModelLimits};
+use hlod_render::{Model, ModelLimits};
 
 use args::{AuditArgs, BenchArgs, Cli, Command, DrawArgs, JsonArgs, ShotArgs};
 pub use outcome::Failure;
@@ -54,7 +54,7 @@ fn run_view(cli: &Cli, args: &args::ViewArgs) -> Outcome {
 }
 
 fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
-    let gpu = Gpu::headless(cli.adapter())?;
+    let gpu = cli.gpu(&args.draw)?;
     let mut models = [Model::open(&gpu, &args.file, ModelLimits::default())?];
     let framing = Framing::of(&models[0]);
     let (width, height) = args.draw.size;
@@ -76,7 +76,7 @@ fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
 }
 
 fn run_bench(cli: &Cli, args: &BenchArgs) -> Outcome {
-    let gpu = Gpu::headless(cli.adapter())?;
+    let gpu = cli.gpu(&args.draw)?;
     let path = CameraPath::load(&args.path)?;
     let options = BenchOptions {
         size: args.draw.size,
@@ -97,7 +97,7 @@ fn run_bench(cli: &Cli, args: &BenchArgs) -> Outcome {
 }
 
 fn run_audit(cli: &Cli, args: &AuditArgs) -> Outcome {
-    let gpu = Gpu::headless(cli.adapter())?;
+    let gpu = cli.gpu(&args.draw)?;
     let framing = Framing::of(&Model::open(&gpu, &args.file, ModelLimits::default())?);
     let camera = framing.fitting([0.0, 0.0, 1.0], 1.0, FOV_Y_DEG);
     let [azimuth, elevation] = args.draw.light[..] else {

@@ -1,4 +1,6 @@
-//! The GPU passes: surface (identity and depth), then shade.
+//! The GPU passes: the surface (identity and depth), in compute where triangles are small, then shade.
+
+mod small;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec4};
@@ -6,6 +8,7 @@ use glam::{Mat4, Vec4};
 use crate::arena::Arena;
 use crate::gpu::Gpu;
 use crate::scene::Shot;
+use small::SmallTriangles;
 
 /// What shaders know of a frame, once for each arena; see `Frame` in `shared.wgsl`.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -25,7 +28,7 @@ pub struct FrameUniform {
     pub skirt: Vec4,
     /// Ambient share; colours; backs magenta; backs lit like fronts.
     pub shading: Vec4,
-    /// Width, height, number of the arena's first triangle.
+    /// Width, height, number of the arena's first triangle, and of its first chunk.
     pub size: [u32; 4],
 }
 
@@ -41,6 +44,26 @@ pub struct Range {
     pub triangles: std::ops::Range<u32>,
     /// Whether backs can be left to the rasteriser to drop.
     pub cull_backs: bool,
+}
+
+/// A part of a picture, in pixels from its upper left corner.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Rectangle {
+    /// Left side.
+    pub x: u32,
+    /// Upper side.
+    pub y: u32,
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+impl Rectangle {
+    /// All of it.
+    pub fn all(targets: &Targets) -> Rectangle {
+        Rectangle { x: 0, y: 0, width: targets.width(), height: targets.height() }
+    }
 }
 
 /// Textures that a frame is drawn into.
@@ -96,6 +119,7 @@ pub(crate) struct Passes {
     surface_culled: wgpu::RenderPipeline,
     surface_two_sided: wgpu::RenderPipeline,
     shade: wgpu::RenderPipeline,
+    small: Option<SmallTriangles>,
     geometry_layout: wgpu::BindGroupLayout,
     identity_layout: wgpu::BindGroupLayout,
     uniforms: wgpu::Buffer,
@@ -116,12 +140,13 @@ impl Passes {
             count: None,
         };
         let both = wgpu::ShaderStages::VERTEX_FRAGMENT;
+        let every = both | wgpu::ShaderStages::COMPUTE;
         let geometry_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("geometry"),
             entries: &[
                 wgpu::BindGroupLayoutEntry {
                     binding: 0,
-                    visibility: both,
+                    visibility: every,
                     ty: wgpu::BindingType::Buffer {
                         ty: wgpu::BufferBindingType::Uniform,
                         has_dynamic_offset: true,
@@ -131,8 +156,8 @@ impl Passes {
                     },
                     count: None,
                 },
-                storage(1, both),
-                storage(2, both),
+                storage(1, every),
+                storage(2, every),
                 storage(3, wgpu::ShaderStages::FRAGMENT),
             ],
         });
@@ -213,30 +238,41 @@ impl Passes {
             shade: pipeline(hlod_shaders::SHADE, &shade_layout, None, output, where_drawn),
             uniforms: buffer(gpu, "uniforms", 16 * UNIFORM_STRIDE, wgpu::BufferUsages::UNIFORM),
             indirect: buffer(gpu, "draws", 1024 * 16, wgpu::BufferUsages::INDIRECT),
+            small: SmallTriangles::new(gpu, &geometry_layout),
             geometry_layout,
             identity_layout,
         }
     }
 
-    /// Submits one frame: all ranges into identity and depth, then one shading draw an arena.
+    /// Submits one frame: all ranges into identity and depth, then one shading draw an arena. Nothing
+    /// outside `area` is drawn.
     pub(crate) fn encode(
         &mut self,
         gpu: &Gpu,
         uniforms: &[(FrameUniform, &Arena)],
         ranges: &[Range],
+        area: Rectangle,
         shot: &Shot,
         targets: &Targets,
     ) {
         let device = &gpu.device;
+        let mut ranges: Vec<&Range> = ranges.iter().collect();
+        ranges.sort_by_key(|r| (r.uniform, r.cull_backs, r.triangles.start));
+        let mut small = self.small.as_mut().filter(|small| small.fits(gpu, targets));
+        let work = small.as_mut().map(|small| small.prepare(gpu, uniforms.len(), &ranges, targets));
         // Upload the uniforms and the draws, sorted by arena and pipeline.
+        let mut first_chunks: Vec<u32> = vec![0; uniforms.len()];
+        if let Some(work) = &work {
+            first_chunks = work.first_chunks().collect();
+        }
         let mut bytes = vec![0u8; uniforms.len() * UNIFORM_STRIDE as usize];
         for (i, (uniform, _)) in uniforms.iter().enumerate() {
             let at = i * UNIFORM_STRIDE as usize;
-            bytes[at..at + size_of::<FrameUniform>()].copy_from_slice(bytemuck::bytes_of(uniform));
+            let mut uniform = *uniform;
+            uniform.size[3] = first_chunks[i];
+            bytes[at..at + size_of::<FrameUniform>()].copy_from_slice(bytemuck::bytes_of(&uniform));
         }
         write_growing(gpu, &mut self.uniforms, &bytes);
-        let mut ranges: Vec<&Range> = ranges.iter().collect();
-        ranges.sort_by_key(|r| (r.uniform, r.cull_backs, r.triangles.start));
         let draws: Vec<[u32; 4]> = ranges
             .iter()
             .map(|r| [3 * (r.triangles.end - r.triangles.start), 1, 3 * r.triangles.start, 0])
@@ -269,6 +305,12 @@ impl Passes {
         let offset = |i: usize| [(i as u64 * UNIFORM_STRIDE) as u32];
 
         let mut encoder = device.create_command_encoder(&Default::default());
+        let geometry: Vec<(&wgpu::BindGroup, u32)> =
+            bind_groups.iter().enumerate().map(|(i, group)| (group, offset(i)[0])).collect();
+        let small = small.map(|small| &*small).zip(work.as_ref());
+        if let Some((small, work)) = small {
+            small.rasterise(&mut encoder, work, &geometry, targets);
+        }
         let identity_view = targets.identity.create_view(&Default::default());
         let depth_view = targets.depth.create_view(&Default::default());
         {
@@ -285,9 +327,14 @@ impl Passes {
                 }),
                 ..Default::default()
             });
+            pass.set_scissor_rect(area.x, area.y, area.width, area.height);
+            if let Some((small, work)) = small {
+                small.draw(&mut pass, work, &geometry);
+            }
             let mut first = 0;
+            let to_fixed = if small.is_some() { &[] } else { ranges.as_slice() };
             for group in
-                ranges.chunk_by(|a, b| (a.uniform, a.cull_backs) == (b.uniform, b.cull_backs))
+                to_fixed.chunk_by(|a, b| (a.uniform, a.cull_backs) == (b.uniform, b.cull_backs))
             {
                 let Range { uniform, cull_backs, .. } = *group[0];
                 pass.set_pipeline(if cull_backs {
@@ -322,6 +369,7 @@ impl Passes {
                     }],
                 })
             });
+            pass.set_scissor_rect(area.x, area.y, area.width, area.height);
             pass.set_pipeline(&self.shade);
             pass.set_bind_group(1, identities, &[]);
             for (i, bind_group) in bind_groups.iter().enumerate() {

@@ -1,0 +1,281 @@
+//! Small triangles in compute, the others in fixed function, and both into identity and depth.
+//!
+//! `small` takes every triangle; what is too large for it, or has to be clipped, goes to a list that
+//! `large` draws; `resolve` then lays what `small` found over that, where it is nearer.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::{DEPTH_FORMAT, IDENTITY_FORMAT, Range, Targets, buffer, entry, write_growing};
+use crate::gpu::Gpu;
+
+/// Triangles of one workgroup.
+const CHUNK: u32 = 64;
+/// Workgroups in a row of a dispatch, at most.
+const ROW: u32 = 32_768;
+const CULLED: u32 = 1 << 31;
+
+/// See `Chunk` in `small.wgsl`.
+#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
+#[repr(C)]
+struct Chunk {
+    first: u32,
+    count: u32,
+    draw: u32,
+    large: u32,
+}
+
+pub(super) struct SmallTriangles {
+    small: wgpu::ComputePipeline,
+    large: wgpu::RenderPipeline,
+    resolve: wgpu::RenderPipeline,
+    compute_layout: wgpu::BindGroupLayout,
+    list_layout: wgpu::BindGroupLayout,
+    /// A word of 64 bits a pixel.
+    pixels: wgpu::Buffer,
+    chunks: wgpu::Buffer,
+    /// Triangles left to fixed function.
+    list: wgpu::Buffer,
+    /// Indirect draws of these, one for each arena.
+    draws: wgpu::Buffer,
+}
+
+/// What one frame gives to the passes.
+pub(super) struct Work {
+    /// For each uniform, its first chunk and their number.
+    chunks: Vec<(u32, u32)>,
+    compute: wgpu::BindGroup,
+    list: wgpu::BindGroup,
+    words: wgpu::BindGroup,
+}
+
+impl SmallTriangles {
+    /// `None` where the adapter lacks 64-bit atomics or they are not wanted.
+    pub(super) fn new(
+        gpu: &Gpu,
+        geometry_layout: &wgpu::BindGroupLayout,
+    ) -> Option<SmallTriangles> {
+        if !gpu.small_triangles {
+            return None;
+        }
+        let device = &gpu.device;
+        let storage = |binding, visibility, read_only| wgpu::BindGroupLayoutEntry {
+            binding,
+            visibility,
+            ty: wgpu::BindingType::Buffer {
+                ty: wgpu::BufferBindingType::Storage { read_only },
+                has_dynamic_offset: false,
+                min_binding_size: None,
+            },
+            count: None,
+        };
+        let group_layout = |label, entries: &[wgpu::BindGroupLayoutEntry]| {
+            let descriptor = wgpu::BindGroupLayoutDescriptor { label: Some(label), entries };
+            device.create_bind_group_layout(&descriptor)
+        };
+        let compute = wgpu::ShaderStages::COMPUTE;
+        let compute_layout = group_layout(
+            "small",
+            &[
+                storage(0, compute, false),
+                storage(1, compute, true),
+                storage(2, compute, false),
+                storage(3, compute, false),
+            ],
+        );
+        // The list of triangles for `large`, the pixels' words for `resolve`.
+        let list_layout =
+            group_layout("list", &[storage(0, wgpu::ShaderStages::VERTEX_FRAGMENT, true)]);
+        let pipeline_layout = |label, group: &wgpu::BindGroupLayout| {
+            device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some(label),
+                bind_group_layouts: &[Some(geometry_layout), Some(group)],
+                immediate_size: 0,
+            })
+        };
+        let module = |pass: hlod_shaders::Pass| {
+            device.create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(pass.name),
+                source: wgpu::ShaderSource::Wgsl(pass.source.into()),
+            })
+        };
+        let small = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some("small"),
+            layout: Some(&pipeline_layout("small", &compute_layout)),
+            module: &module(hlod_shaders::SMALL),
+            entry_point: Some("small"),
+            compilation_options: Default::default(),
+            cache: None,
+        });
+        let list_pipeline_layout = pipeline_layout("list", &list_layout);
+        let render = |pass: hlod_shaders::Pass| {
+            let module = module(pass);
+            device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                label: Some(pass.name),
+                layout: Some(&list_pipeline_layout),
+                vertex: wgpu::VertexState {
+                    module: &module,
+                    entry_point: Some(&format!("{}_vertex", pass.name)),
+                    compilation_options: Default::default(),
+                    buffers: &[],
+                },
+                primitive: wgpu::PrimitiveState::default(),
+                depth_stencil: Some(wgpu::DepthStencilState {
+                    format: DEPTH_FORMAT,
+                    depth_write_enabled: Some(true),
+                    depth_compare: Some(wgpu::CompareFunction::Greater),
+                    stencil: Default::default(),
+                    bias: Default::default(),
+                }),
+                multisample: Default::default(),
+                fragment: Some(wgpu::FragmentState {
+                    module: &module,
+                    entry_point: Some(&format!("{}_fragment", pass.name)),
+                    compilation_options: Default::default(),
+                    targets: &[Some(IDENTITY_FORMAT.into())],
+                }),
+                multiview_mask: None,
+                cache: None,
+            })
+        };
+        let usage = wgpu::BufferUsages::STORAGE;
+        Some(SmallTriangles {
+            small,
+            large: render(hlod_shaders::LARGE),
+            resolve: render(hlod_shaders::RESOLVE),
+            compute_layout,
+            list_layout,
+            pixels: buffer(gpu, "pixels", 8, usage),
+            chunks: buffer(gpu, "chunks", 1 << 16, usage),
+            list: buffer(gpu, "large triangles", 1 << 16, usage),
+            draws: buffer(gpu, "large draws", 256, usage | wgpu::BufferUsages::INDIRECT),
+        })
+    }
+
+    /// Whether pictures of this size can be drawn.
+    pub(super) fn fits(&self, gpu: &Gpu, targets: &Targets) -> bool {
+        pixel_bytes(targets) <= gpu.device.limits().max_storage_buffer_binding_size
+    }
+
+    /// Uploads a frame's chunks; `ranges` come in the order of their uniforms.
+    pub(super) fn prepare(
+        &mut self,
+        gpu: &Gpu,
+        uniform_count: usize,
+        ranges: &[&Range],
+        targets: &Targets,
+    ) -> Work {
+        let mut chunks: Vec<Chunk> = Vec::new();
+        let mut of_uniform = vec![(0, 0); uniform_count];
+        let mut draws = vec![[0u32, 1, 0, 0]; uniform_count];
+        let mut triangles = 0;
+        for group in ranges.chunk_by(|a, b| a.uniform == b.uniform) {
+            let uniform = group[0].uniform;
+            let (first_chunk, first_in_list) = (chunks.len() as u32, triangles);
+            for range in group {
+                let culled = if range.cull_backs { CULLED } else { 0 };
+                let Range { triangles: std::ops::Range { start, end }, .. } = **range;
+                triangles += end - start;
+                chunks.extend((start..end).step_by(CHUNK as usize).map(|first| Chunk {
+                    first,
+                    count: (end - first).min(CHUNK) | culled,
+                    draw: uniform as u32,
+                    large: first_in_list,
+                }));
+            }
+            of_uniform[uniform] = (first_chunk, chunks.len() as u32 - first_chunk);
+            draws[uniform][2] = 3 * first_in_list;
+            // A dispatch may have more workgroups than there are chunks: to these the next ones'
+            // would be given.
+            let rows = of_uniform[uniform].1.div_ceil(ROW);
+            let padded = rows * of_uniform[uniform].1.div_ceil(rows.max(1));
+            chunks.resize((first_chunk + padded) as usize, Chunk::default());
+        }
+        chunks.push(Chunk::default());
+        write_growing(gpu, &mut self.chunks, bytemuck::cast_slice(&chunks));
+        write_growing(gpu, &mut self.draws, bytemuck::cast_slice(&draws));
+        let usage = wgpu::BufferUsages::STORAGE;
+        let grow = |target: &mut wgpu::Buffer, label, bytes: u64| {
+            if target.size() < bytes {
+                *target = buffer(gpu, label, bytes, usage);
+            }
+        };
+        grow(&mut self.pixels, "pixels", pixel_bytes(targets));
+        grow(&mut self.list, "large triangles", 4 * u64::from(triangles).next_power_of_two());
+        let group = |label, layout, entries: &[wgpu::BindGroupEntry<'_>]| {
+            let descriptor = wgpu::BindGroupDescriptor { label: Some(label), layout, entries };
+            gpu.device.create_bind_group(&descriptor)
+        };
+        let compute = [
+            entry(0, &self.pixels),
+            entry(1, &self.chunks),
+            entry(2, &self.list),
+            entry(3, &self.draws),
+        ];
+        Work {
+            chunks: of_uniform,
+            compute: group("small", &self.compute_layout, &compute),
+            list: group("large", &self.list_layout, &[entry(0, &self.list)]),
+            words: group("resolve", &self.list_layout, &[entry(0, &self.pixels)]),
+        }
+    }
+
+    /// The compute pass; `geometry` has a bind group and its offset for each uniform.
+    pub(super) fn rasterise(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        work: &Work,
+        geometry: &[(&wgpu::BindGroup, u32)],
+        targets: &Targets,
+    ) {
+        encoder.clear_buffer(&self.pixels, 0, Some(pixel_bytes(targets)));
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some("small"),
+            timestamp_writes: None,
+        });
+        pass.set_pipeline(&self.small);
+        pass.set_bind_group(1, &work.compute, &[]);
+        for (&(_, count), &(bind_group, offset)) in work.chunks.iter().zip(geometry) {
+            if count > 0 {
+                let rows = count.div_ceil(ROW);
+                pass.set_bind_group(0, bind_group, &[offset]);
+                pass.dispatch_workgroups(count.div_ceil(rows), rows, 1);
+            }
+        }
+    }
+
+    /// What is left, and what was found, into a pass with identity and depth.
+    pub(super) fn draw(
+        &self,
+        pass: &mut wgpu::RenderPass<'_>,
+        work: &Work,
+        geometry: &[(&wgpu::BindGroup, u32)],
+    ) {
+        pass.set_pipeline(&self.large);
+        pass.set_bind_group(1, &work.list, &[]);
+        for (i, (&(_, count), &(bind_group, offset))) in
+            work.chunks.iter().zip(geometry).enumerate()
+        {
+            if count > 0 {
+                pass.set_bind_group(0, bind_group, &[offset]);
+                pass.draw_indirect(&self.draws, 16 * i as u64);
+            }
+        }
+        if let Some(&(bind_group, offset)) = geometry.first() {
+            pass.set_pipeline(&self.resolve);
+            pass.set_bind_group(0, bind_group, &[offset]);
+            pass.set_bind_group(1, &work.words, &[]);
+            pass.draw(0..3, 0..1);
+        }
+    }
+}
+
+impl Work {
+    /// The number of each uniform's first chunk.
+    pub(super) fn first_chunks(&self) -> impl Iterator<Item = u32> + '_ {
+        self.chunks.iter().map(|chunks| chunks.0)
+    }
+}
+
+fn pixel_bytes(targets: &Targets) -> u64 {
+    8 * u64::from(targets.width()) * u64::from(targets.height())
+}

@@ -1,0 +1,114 @@
+// Visible surface, small triangles: one thread each, which loops over the few pixels that the
+// triangle may cover and leaves depth and identity in one 64-bit word a pixel; the largest wins.
+// Set-up in fixed function costs the same for a triangle of one pixel as for one of a thousand
+// (Laine & Karras, High-performance software rasterization on GPUs, HPG 2011; Karis, Nanite,
+// SIGGRAPH 2021).
+//
+// Corners are snapped to 1/256 pixel and edges tested in integers, exactly, edges included: no
+// pixel's centre between two triangles that share an edge is missed by both.
+
+struct Chunk {
+    // Triangles of the arena.
+    first: u32,
+    count: u32,
+    // Which draw, and where in the list, triangles go that are left to fixed function.
+    draw: u32,
+    large: u32,
+}
+
+@group(1) @binding(0) var<storage, read_write> pixels: array<atomic<u64>>;
+// size.w of the frame says where this arena's begin; the last one is followed by an empty one.
+@group(1) @binding(1) var<storage, read> chunks: array<Chunk>;
+@group(1) @binding(2) var<storage, read_write> large: array<u32>;
+// Four numbers a draw, the first of which counts corners.
+@group(1) @binding(3) var<storage, read_write> draws: array<atomic<u32>>;
+
+// In a chunk's count and in the list: whether backs are not drawn.
+const CULLED: u32 = 0x80000000u;
+const SUBPIXELS: f32 = 256.0;
+// Larger triangles, in sub-pixels, are fixed function's: its edges would overflow here, too.
+const EXTENT_MAX: i32 = 8192;
+
+fn cross2i(a: vec2<i32>, b: vec2<i32>) -> i32 {
+    return a.x * b.y - a.y * b.x;
+}
+
+@compute @workgroup_size(64)
+fn small(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) i: u32,
+) {
+    let chunk = chunks[min(frame.size.w + group.x + group.y * groups.x, arrayLength(&chunks) - 1u)];
+    if i >= (chunk.count & ~CULLED) {
+        return;
+    }
+    let triangle = chunk.first + i;
+    let culled = (chunk.count & CULLED) != 0u;
+    let a = frame.clip_from_model * vec4(position_of(indices[3u * triangle]), 1.0);
+    let b = frame.clip_from_model * vec4(position_of(indices[3u * triangle + 1u]), 1.0);
+    let c = frame.clip_from_model * vec4(position_of(indices[3u * triangle + 2u]), 1.0);
+    // Beyond one side of the picture with all corners, whatever their depths.
+    let x = vec3(a.x, b.x, c.x);
+    let y = vec3(a.y, b.y, c.y);
+    let w = vec3(a.w, b.w, c.w);
+    let z = vec3(a.z, b.z, c.z);
+    if all(x > w) || all(x < -w) || all(y > w) || all(y < -w) || all(z > w) {
+        return;
+    }
+    // What has to be clipped is fixed function's.
+    var to_fixed = any(z > w) || any(z < vec3(0.0)) || any(w <= vec3(0.0));
+    let scale = vec2(0.5, -0.5) * vec2<f32>(frame.size.xy) * SUBPIXELS;
+    let middle = vec2<f32>(frame.size.xy) * 0.5 * SUBPIXELS;
+    let fa = a.xy / a.w * scale + middle;
+    let fb = b.xy / b.w * scale + middle;
+    let fc = c.xy / c.w * scale + middle;
+    let low = min(min(fa, fb), fc);
+    let high = max(max(fa, fb), fc);
+    to_fixed = to_fixed || !all(high - low < vec2(f32(EXTENT_MAX - 2)));
+    if to_fixed {
+        let slot = chunk.large + atomicAdd(&draws[4u * chunk.draw], 3u) / 3u;
+        large[slot] = triangle | (chunk.count & CULLED);
+        return;
+    }
+    let pa = vec2<i32>(round(fa));
+    var pb = vec2<i32>(round(fb));
+    var pc = vec2<i32>(round(fc));
+    var area = cross2i(pb - pa, pc - pa);
+    // Rows run downwards: fronts turn the other way than in clip space.
+    let back = area > 0;
+    if area == 0 || (back && culled) {
+        return;
+    }
+    var depth_b = z.y / w.y;
+    var depth_c = z.z / w.z;
+    let depth_a = z.x / w.x;
+    if !back {
+        let p = pb;
+        pb = pc;
+        pc = p;
+        let depth = depth_b;
+        depth_b = depth_c;
+        depth_c = depth;
+        area = -area;
+    }
+    // Pixels whose centres lie within the bounds.
+    let size = vec2<i32>(frame.size.xy);
+    let first = max((min(min(pa, pb), pc) + vec2(127)) >> vec2(8u), vec2(0));
+    let last = min((max(max(pa, pb), pc) - vec2(128)) >> vec2(8u), size - 1);
+    let identity = select(0u, BACK, back) | (frame.size.z + triangle + 1u);
+    let slope = vec2(depth_b - depth_a, depth_c - depth_a) / f32(area);
+    for (var row = first.y; row <= last.y; row++) {
+        for (var column = first.x; column <= last.x; column++) {
+            let p = vec2(column, row) * 256 + 128;
+            let to_a = cross2i(pc - pb, p - pb);
+            let to_b = cross2i(pa - pc, p - pc);
+            let to_c = area - to_a - to_b;
+            if to_a >= 0 && to_b >= 0 && to_c >= 0 {
+                let depth = depth_a + dot(vec2(f32(to_b), f32(to_c)), slope);
+                let word = (u64(bitcast<u32>(max(depth, 0.0))) << 32u) | u64(identity);
+                atomicMax(&pixels[u32(row * size.x + column)], word);
+            }
+        }
+    }
+}
