@@ -59,12 +59,62 @@ pub(crate) fn fill_simplified(mesh: &mut Mesh, limit: f64, cube: &Cube) {
 /// Loops round openings, with what would fill them.
 fn openings(mesh: &Mesh, cube: &Cube) -> Vec<(Vec<OpenEdge>, Tear, Vec<[usize; 3]>)> {
     let borders = Borders::of(mesh, cube);
+    let loops = loops(mesh, &borders);
+    if loops.is_empty() {
+        return Vec::new();
+    }
+    let pieces = Pieces::of(mesh, &borders);
     let with_filling = |edges: Vec<OpenEdge>| {
+        // The outside of a small piece is a loop, too; what filled it would be the piece's back.
+        if pieces.triangles_with(edges[0].ends[0]) <= 2 * edges.len() {
+            return None;
+        }
         let tear = Tear::of(mesh, &edges);
         let triangles = tear.triangulate()?;
-        tear.is_opening(&triangles).then_some((edges, tear, triangles))
+        Some((edges, tear, triangles))
     };
-    loops(mesh, &borders).into_iter().filter_map(with_filling).collect()
+    loops.into_iter().filter_map(with_filling).collect()
+}
+
+/// Connected pieces of a mesh, by the numbers of positions.
+struct Pieces {
+    parent: Vec<u32>,
+    /// Triangles of each piece, by its root.
+    triangles: Vec<usize>,
+}
+
+impl Pieces {
+    fn of(mesh: &Mesh, borders: &Borders) -> Pieces {
+        let count = borders.positions.len();
+        let mut pieces = Pieces { parent: (0..count as u32).collect(), triangles: vec![0; count] };
+        let at = |t: &[u32; 3]| t.map(|v| borders.position_of[v as usize]);
+        for [a, b, c] in mesh.triangles.iter().map(at) {
+            let root = pieces.root(a);
+            for other in [pieces.root(b), pieces.root(c)] {
+                pieces.parent[other as usize] = root;
+            }
+        }
+        for [a, ..] in mesh.triangles.iter().map(at) {
+            let root = pieces.root(a);
+            pieces.triangles[root as usize] += 1;
+        }
+        pieces
+    }
+
+    fn root(&mut self, mut p: u32) -> u32 {
+        while self.parent[p as usize] != p {
+            self.parent[p as usize] = self.parent[self.parent[p as usize] as usize];
+            p = self.parent[p as usize];
+        }
+        p
+    }
+
+    fn triangles_with(&self, mut p: u32) -> usize {
+        while self.parent[p as usize] != p {
+            p = self.parent[p as usize];
+        }
+        self.triangles[p as usize]
+    }
 }
 
 /// Closed loops of open edges in which no position comes twice, each edge followed by the one that
@@ -139,17 +189,6 @@ impl Tear {
             normals: vertices.iter().map(normal).collect(),
             vertices,
         }
-    }
-
-    /// Whether what would fill it faces as the surface round it does: round the outside of a piece it
-    /// would be the piece's back.
-    fn is_opening(&self, triangles: &[[usize; 3]]) -> bool {
-        let facing = |t: &[usize; 3]| {
-            let [a, b, c] = t.map(|i| self.positions[i]);
-            let normal = t.iter().map(|&i| self.normals[i]).sum::<Vec3>().as_dvec3();
-            (b - a).cross(c - a).dot(normal)
-        };
-        triangles.iter().map(facing).sum::<f64>() > 0.0
     }
 
     fn fill(&self, triangles: &[[usize; 3]], mesh: &mut Mesh) {
