@@ -168,7 +168,7 @@ pub struct Front {
     pub wanted: Vec<Wanted>,
     /// Nodes that would be drawn if everything were resident.
     pub ideal_nodes: usize,
-    /// How many pixels the borders of drawn nodes are from their place, at most.
+    /// How many pixels the borders of drawn nodes are from their place: see [`crate::skirts`].
     pub border_px: f64,
 }
 
@@ -201,7 +201,7 @@ pub fn select(
     }
     let of_border = |draw: &Draw| {
         let node = &skeleton.nodes()[draw.node as usize];
-        view.error_px(node.border_error, node.min, node.max)
+        view.error_px(node.border_error, node.min, node.max).min(draw.error_px)
     };
     search.front.border_px = search.front.draws.iter().map(of_border).fold(0.0, f64::max);
     search
