@@ -46,4 +46,4 @@ pub use ingest::Precision;
 pub use oddities::Oddities;
 pub use pipeline::{BuildOptions, BuildReport, build};
 pub use resources::{Costs, StageCost};
-pub use verify::{PROBLEMS_MAX, RepresentationCheck, VerifyReport, verify};
+pub use verify::{PROBLEMS_MAX, RepresentationCheck, VerifyOptions, VerifyReport, verify};

@@ -1,9 +1,15 @@
 //! What the builder writes is what it read, and says the truth about it.
 
+use std::path::Path;
+
 use hlod_build::progress::Silent;
-use hlod_build::{Selection, export, info, verify};
+use hlod_build::{Selection, VerifyOptions, export, info, verify};
 use hlod_compress::RepresentationKind;
 use hlod_tests::{built, bumpy_ball, scan};
+
+fn against(scan: &Path) -> VerifyOptions {
+    VerifyOptions { against: vec![scan.to_owned()], ..VerifyOptions::default() }
+}
 
 #[test]
 fn a_ball_is_built_verified_and_exported() {
@@ -26,11 +32,23 @@ fn a_ball_is_built_verified_and_exported() {
     assert!(info.levels.len() >= 3);
     assert_eq!(info.nodes_over_budget, 0);
 
-    let verified = verify(&hlod, std::slice::from_ref(&ply), 1.0, &Silent).unwrap();
+    let verified = verify(&hlod, &against(&ply), &Silent).unwrap();
     assert!(!verified.is_refuted(), "{:?}", verified.problems);
     assert!(verified.representations_sampled > 2);
+    // In parts, as what does not fit into memory is checked: the same distances are found.
+    let parts = VerifyOptions { block_triangles: 4_000, memory_bytes: 0, ..against(&ply) };
+    let parts = verify(&hlod, &parts, &Silent).unwrap();
+    assert!(!parts.is_refuted(), "{:?}", parts.problems);
+    for (part, whole) in parts.representations.iter().zip(&verified.representations) {
+        assert_eq!((&part.cell, part.kind), (&whole.cell, whole.kind));
+        let allowed = whole.independent_bound - whole.sampled;
+        assert!((part.sampled - whole.sampled).abs() <= allowed, "{part:?} {whole:?}");
+        assert!(part.independent_bound >= whole.sampled, "{part:?} {whole:?}");
+    }
+
     // A share still takes something of every depth.
-    let share = verify(&hlod, &[], 0.01, &Silent).unwrap();
+    let share =
+        verify(&hlod, &VerifyOptions { share: 0.01, ..Default::default() }, &Silent).unwrap();
     let depths = |report: &hlod_build::VerifyReport| {
         report.representations.iter().map(|r| r.depth).collect::<std::collections::BTreeSet<_>>()
     };
@@ -116,7 +134,7 @@ fn the_bunny_with_its_holes_is_what_it_was() {
     let report = built(&bunny, &hlod, |_| {});
     assert_eq!(report.triangles_input, 69_451);
     assert!(!report.closed_oriented);
-    let verified = verify(&hlod, &[bunny], 1.0, &Silent).unwrap();
+    let verified = verify(&hlod, &against(&bunny), &Silent).unwrap();
     assert!(!verified.is_refuted(), "{:?}", verified.problems);
 }
 
@@ -182,7 +200,7 @@ fn odd_surfaces_are_built_and_counted() {
             o.leaf_triangles = 1000;
             o.resolution = resolution;
         });
-        let verified = verify(&hlod, std::slice::from_ref(&ply), 1.0, &Silent).unwrap();
+        let verified = verify(&hlod, &against(&ply), &Silent).unwrap();
         assert!(!verified.is_refuted(), "R = {resolution}: {:?}", verified.problems);
         assert!(verified.nodes > 8);
     }
@@ -212,9 +230,9 @@ fn a_planted_error_that_is_too_small_is_caught() {
         };
         writer.write::<FormatError>(&mut bytes, page).unwrap();
         std::fs::write(&lie, bytes).unwrap();
-        verify(&lie, &[], 1.0, &Silent).unwrap()
+        verify(&lie, &VerifyOptions::default(), &Silent).unwrap()
     };
-    let truth = verify(&hlod, &[], 1.0, &Silent).unwrap();
+    let truth = verify(&hlod, &VerifyOptions::default(), &Silent).unwrap();
     assert!(!truth.is_refuted(), "{:?}", truth.problems);
     let root = truth.representations.iter().find(|r| r.depth == 0).unwrap();
     assert_eq!(root.kind, "appearance");

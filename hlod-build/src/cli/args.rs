@@ -193,6 +193,10 @@ pub struct VerifyArgs {
     /// Sample this share of the inner nodes of each depth.
     #[arg(long, default_value_t = 1.0, value_parser = share)]
     pub share: f64,
+    /// Memory for comparing leaves, at least 12 bytes a vertex; with less, inputs are read more
+    /// often.
+    #[arg(long, default_value = "4GiB", value_parser = byte_count)]
+    pub memory: u64,
     #[command(flatten)]
     pub json: JsonArgs,
 }

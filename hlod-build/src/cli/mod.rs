@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use hlod_build::progress::{Progress, Unit};
 use hlod_build::synth::{StatueOptions, describe, write_statue};
-use hlod_build::{build, compare, export, info, verify};
+use hlod_build::{VerifyOptions, build, compare, export, info, verify};
 use outcome::Outcome;
 use serde::Serialize;
 
@@ -101,7 +101,13 @@ fn run_build(args: &BuildArgs, progress: &Bars, quiet: bool) -> Outcome {
 }
 
 fn run_verify(args: &VerifyArgs, progress: &Bars) -> Outcome {
-    let report = verify(&args.file, &args.against, args.share, progress)?;
+    let options = VerifyOptions {
+        against: args.against.clone(),
+        share: args.share,
+        memory_bytes: args.memory,
+        ..VerifyOptions::default()
+    };
+    let report = verify(&args.file, &options, progress)?;
     print(&args.json, &report, || tables::verify(&report))?;
     if report.is_refuted() { Err(Failure::Refuted) } else { Ok(()) }
 }

@@ -3,76 +3,163 @@
 use std::collections::BTreeMap;
 
 use glam::DVec3;
-use hlod_compress::{CellKey, Lattice, Mesh, NodeRecord, RepresentationKind};
+use hlod_compress::{CellKey, HlodFile, Mesh, NodeRecord, RepresentationKind};
+use rayon::prelude::*;
 
-use super::RepresentationCheck;
 use super::distance::Target;
 use super::normals::{Normals, largest_angle};
+use super::originals::Originals;
+use super::{RepresentationCheck, check_page};
 use crate::progress::Progress;
 
-/// Samples every representation of a node both ways; `meshes` are their decoded pages.
+/// Samples every representation of a node both ways.
+///
+/// # Errors
+/// A sentence, when a page cannot be read.
 pub(super) fn check(
+    file: &HlodFile,
     node: &NodeRecord,
-    meshes: &[Mesh],
-    leaves: &BTreeMap<CellKey, Mesh>,
-    lattice: &Lattice,
+    originals: &Originals<'_>,
     progress: &dyn Progress,
-) -> Vec<RepresentationCheck> {
-    let originals: Vec<&Mesh> = leaves
+) -> Result<Vec<RepresentationCheck>, String> {
+    let views: Vec<Stored> = node
+        .representations
         .iter()
-        .filter(|(cell, _)| is_inside(**cell, node.cell))
-        .map(|(_, mesh)| mesh)
-        .collect();
-    let to_original = Target::new(originals.iter().flat_map(|mesh| corners(mesh)));
-    let original_normals = Normals::new(originals.iter().copied());
-    let mut out = Vec::new();
-    for (representation, mesh) in node.representations.iter().zip(meshes) {
-        let stored = f64::from(representation.errors.geometric);
-        // Lattice steps, in which coordinates are integers.
-        let spacing = stored / lattice.step / 4.0;
-        let to_mesh = Target::new(corners(mesh));
-        let mut largest = Largest::default();
-        for original in &originals {
-            sample(original, spacing, &to_mesh, &mut largest);
-        }
-        sample(mesh, spacing, &to_original, &mut largest);
-        // Leaves and pages hold normals to 12 bits an axis; the file's own numbers include that.
-        let errors = &representation.errors;
-        let allowed = errors.normal_deviation_deg[0] + errors.normal_smoothing_deg;
-        let reach = stored / lattice.step;
-        let normals = Normals::new(std::iter::once(mesh));
-        let mut angle = largest_angle(mesh, &to_original, &original_normals, reach, allowed);
-        for original in &originals {
-            angle = angle.max(largest_angle(original, &to_mesh, &normals, reach, allowed));
-        }
-        out.push(RepresentationCheck {
+        .map(|r| Ok(Stored::new(node.cell, r, check_page(file, node, r)?, originals)))
+        .collect::<Result<_, String>>()?;
+    let blocks = originals.blocks(node.cell);
+    // Findings of blocks are combined by their largest, in which order makes no difference.
+    let found: Vec<Vec<Found>> = blocks
+        .into_par_iter()
+        .map(|block| {
+            let found = check_block(node.cell, block, &views, originals);
+            progress.advance(originals.triangles_below(block));
+            found
+        })
+        .collect::<Result<_, String>>()?;
+
+    let step = originals.lattice().step;
+    let check = |(i, (view, r)): (usize, (&Stored, &hlod_compress::Representation))| {
+        let largest = |of: fn(&Found) -> f64| found.iter().map(|f| of(&f[i])).fold(0.0, f64::max);
+        RepresentationCheck {
             cell: node.cell.to_string(),
             depth: node.cell.depth(),
-            kind: match representation.kind {
+            kind: match r.kind {
                 RepresentationKind::Appearance => "appearance",
                 RepresentationKind::Geometric => "geometric",
                 _ => "source",
             },
-            stored,
-            sampled: largest.sampled * lattice.step,
-            independent_bound: largest.bound * lattice.step,
-            normal_allowed_deg: allowed,
-            normal_sampled_deg: angle,
-        });
-        progress.advance(1);
+            stored: f64::from(r.errors.geometric),
+            sampled: largest(|f| f.distance.sampled) * step,
+            independent_bound: largest(|f| f.distance.bound) * step,
+            normal_allowed_deg: view.normal_allowed_deg,
+            normal_sampled_deg: found.iter().map(|f| f[i].normal_deg).fold(0.0, f32::max),
+        }
+    };
+    Ok(views.iter().zip(&node.representations).enumerate().map(check).collect())
+}
+
+/// A representation as the file holds it.
+struct Stored {
+    surface: Target,
+    normals: Normals,
+    /// Its triangles by the block that they are checked in.
+    parts: BTreeMap<CellKey, Mesh>,
+    /// The stored error, in lattice steps.
+    error: f64,
+    /// Leaves and pages hold normals to 12 bits an axis; the file's own numbers include that.
+    normal_allowed_deg: f32,
+}
+
+impl Stored {
+    fn new(
+        cell: CellKey,
+        representation: &hlod_compress::Representation,
+        mesh: Mesh,
+        originals: &Originals<'_>,
+    ) -> Stored {
+        let mut by_block: BTreeMap<CellKey, Vec<[u32; 3]>> = BTreeMap::new();
+        for t in &mesh.triangles {
+            let corners = t.map(|v| mesh.positions[v as usize].map(f64::from));
+            let centre = std::array::from_fn(|i| corners.iter().map(|c| c[i]).sum::<f64>() / 3.0);
+            by_block.entry(originals.block_at(cell, centre)).or_default().push(*t);
+        }
+        let errors = &representation.errors;
+        Stored {
+            surface: Target::new(corners(&mesh)),
+            normals: Normals::new(std::iter::once(&mesh)),
+            parts: by_block.into_iter().map(|(block, t)| (block, part(&mesh, &t))).collect(),
+            error: f64::from(errors.geometric) / originals.lattice().step,
+            normal_allowed_deg: errors.normal_deviation_deg[0] + errors.normal_smoothing_deg,
+        }
+    }
+}
+
+/// Some triangles of a mesh and the vertices that they need.
+fn part(mesh: &Mesh, triangles: &[[u32; 3]]) -> Mesh {
+    let mut out = Mesh::default();
+    let mut numbers: BTreeMap<u32, u32> = BTreeMap::new();
+    let mut number = |v: u32, out: &mut Mesh| {
+        *numbers.entry(v).or_insert_with(|| {
+            out.positions.push(mesh.positions[v as usize]);
+            out.normals.push(mesh.normals[v as usize]);
+            out.positions.len() as u32 - 1
+        })
+    };
+    for t in triangles {
+        let corners = t.map(|v| number(v, &mut out));
+        out.triangles.push(corners);
     }
     out
 }
 
-fn is_inside(cell: CellKey, outer: CellKey) -> bool {
-    let mut cell = cell;
-    while cell.depth() > outer.depth() {
-        match cell.parent() {
-            Some(parent) => cell = parent,
-            None => return false,
+/// What was found of one representation.
+struct Found {
+    distance: Largest,
+    normal_deg: f32,
+}
+
+/// Samples the leaves of a block against every representation, and of each the part that lies in
+/// the block against all leaves within its error.
+///
+/// No leaf farther than that is read: a sample of the part that is within its stored error of the
+/// original has its exact distance, one that is not is refuted by a distance that may be too large.
+fn check_block(
+    cell: CellKey,
+    block: CellKey,
+    views: &[Stored],
+    originals: &Originals<'_>,
+) -> Result<Vec<Found>, String> {
+    let leaves = originals.within_cell(block)?;
+    let check = |view: &Stored| -> Result<Found, String> {
+        let (reach, allowed) = (view.error, view.normal_allowed_deg);
+        let spacing = reach / 4.0;
+        let mut distance = Largest::default();
+        let mut normal_deg = 0.0f32;
+        for leaf in &leaves {
+            sample(leaf, spacing, &view.surface, &mut distance);
+            let angle = largest_angle(leaf, &view.surface, &view.normals, reach, allowed);
+            normal_deg = normal_deg.max(angle);
         }
-    }
-    cell == outer
+        if let Some(part) = view.parts.get(&block) {
+            let near = originals.within_box(cell, grown_bounds(part, reach))?;
+            let to_original = Target::new(near.iter().flat_map(corners));
+            let normals = Normals::new(near.iter());
+            sample(part, spacing, &to_original, &mut distance);
+            let angle = largest_angle(part, &to_original, &normals, reach, allowed);
+            normal_deg = normal_deg.max(angle);
+        }
+        Ok(Found { distance, normal_deg })
+    };
+    views.iter().map(check).collect()
+}
+
+fn grown_bounds(mesh: &Mesh, by: f64) -> [[f64; 3]; 2] {
+    let at = |i: usize| mesh.positions.iter().map(move |p| f64::from(p[i]));
+    [
+        std::array::from_fn(|i| at(i).fold(f64::INFINITY, f64::min) - by),
+        std::array::from_fn(|i| at(i).fold(f64::NEG_INFINITY, f64::max) + by),
+    ]
 }
 
 fn corners(mesh: &Mesh) -> impl Iterator<Item = [[f64; 3]; 3]> + '_ {

@@ -6,11 +6,14 @@
 //! triangles must have the same area, and those must lie on it, within the rounding of cut
 //! points.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::PathBuf;
 
-use hlod_compress::{CellKey, HlodFile, Lattice, Mesh};
+use hlod_compress::{CellKey, HlodFile, Lattice, MAX_DEPTH, Mesh, NodeRecord};
+use hlod_scan::{Batch, ReadOptions, ScanReader};
+use rayon::prelude::*;
 
+use super::check_page;
 use super::distance::Target;
 use crate::error::BuildError;
 use crate::progress::{Progress, Unit};
@@ -19,44 +22,180 @@ use crate::progress::{Progress, Unit};
 /// own ends were. In lattice steps.
 const ROUNDING_STEPS: f64 = 1.8;
 
+/// What a reader may keep in memory of a file whose format it must remember.
+const READER_BYTES: usize = 64 << 20;
+
 type Corners = [[i32; 3]; 3];
 
+/// However little memory there is, so many triangles of leaves are compared at a time.
+const TRIANGLES_MIN: u64 = 20_000;
+
+/// What a triangle of the input may take in memory while it waits for its leaf's, with the leaf's.
+const TRIANGLE_BYTES: u64 = 160;
+
 /// A sentence for each leaf that is not the input's geometry inside its cell.
+///
+/// Leaves are taken as many at a time as `memory_bytes` allow, with a pass over the input's
+/// triangles for each; the input's vertices stay, at 12 bytes each.
 pub(super) fn compare(
     file: &HlodFile,
-    leaves: &BTreeMap<CellKey, Mesh>,
+    nodes: &[NodeRecord],
     against: &[PathBuf],
+    memory_bytes: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<String>, BuildError> {
     let lattice = file.header().lattice;
-    progress.begin("read input", against.len() as u64, Unit::Steps);
-    let scan = hlod_scan::load(against, &mut |_, _| {})?;
+    let mut leaves: Vec<&NodeRecord> = nodes.iter().filter(|node| node.is_leaf()).collect();
+    let inner: HashSet<CellKey> =
+        nodes.iter().filter(|node| !node.is_leaf()).map(|node| node.cell).collect();
+    // Neighbours together, so that most triangles need not be taken far down in most batches.
+    let place = |c: CellKey| c.morton() << (3 * u32::from(MAX_DEPTH - c.depth()));
+    leaves.sort_by_key(|leaf| place(leaf.cell));
+
+    let bytes: u64 = total_bytes(against)?;
+    progress.begin("input's vertices", bytes, Unit::Bytes);
+    let vertices = Vertices::read(against, &lattice, progress)?;
     progress.end();
-    let positions: Vec<[i32; 3]> =
-        scan.positions.iter().map(|p| round_to(&lattice, p.to_array())).collect();
 
-    // Hand each input triangle to the leaves whose cells it touches.
-    let mut expected: BTreeMap<CellKey, Expected> = BTreeMap::new();
-    for triangle in &scan.triangles {
-        let t: Corners = triangle.map(|v| positions[v as usize]);
-        if t[0] != t[1] && t[1] != t[2] && t[2] != t[0] {
-            distribute(CellKey::ROOT, &t, &lattice, leaves, &mut expected);
-        }
-    }
-
+    let room = memory_bytes.saturating_sub(12 * vertices.positions.len() as u64);
+    let triangles_max = (room / TRIANGLE_BYTES).max(TRIANGLES_MIN);
     let mut out = Vec::new();
-    let empty = Mesh::default();
-    let mut cells: Vec<CellKey> = leaves.keys().chain(expected.keys()).copied().collect();
-    cells.sort();
-    cells.dedup();
-    for cell in cells {
-        let mesh = leaves.get(&cell).unwrap_or(&empty);
-        let nothing = Expected::default();
-        if let Some(why) = difference(mesh, expected.get(&cell).unwrap_or(&nothing)) {
-            out.push(format!("leaf {cell}: {why}"));
+    let mut batch = BTreeMap::new();
+    let mut triangles = 0;
+    let mut batches: Vec<BTreeMap<CellKey, &NodeRecord>> = Vec::new();
+    for leaf in leaves {
+        let count = leaf.representations.first().map_or(0, |r| u64::from(r.triangles));
+        if triangles + count > triangles_max && !batch.is_empty() {
+            batches.push(std::mem::take(&mut batch));
+            triangles = 0;
         }
+        batch.insert(leaf.cell, leaf);
+        triangles += count;
     }
+    batches.push(batch);
+
+    progress.begin("compare leaves", bytes * batches.len() as u64, Unit::Bytes);
+    for (number, batch) in batches.iter().enumerate() {
+        // Cells without a leaf have no batch of their own: the first one sees to them.
+        let skipped: HashSet<CellKey> = match number {
+            0 => batches[1..].iter().flat_map(|later| later.keys()).copied().collect(),
+            _ => HashSet::new(),
+        };
+        let mut asked: HashSet<CellKey> = HashSet::new();
+        for leaf in batch.keys() {
+            let mut cell = Some(*leaf);
+            while let Some(at) = cell.filter(|at| asked.insert(*at)) {
+                cell = at.parent();
+            }
+        }
+        let is_asked = |cell: &CellKey| match number {
+            0 => !skipped.contains(cell),
+            _ => asked.contains(cell),
+        };
+        let mut expected: BTreeMap<CellKey, Expected> = BTreeMap::new();
+        vertices.each_triangle(against, progress, &mut |t| {
+            if t[0] != t[1] && t[1] != t[2] && t[2] != t[0] {
+                distribute(CellKey::ROOT, &t, &lattice, &inner, &is_asked, &mut expected);
+            }
+        })?;
+        let mut asked: BTreeSet<CellKey> = batch.keys().copied().collect();
+        asked.extend(expected.keys());
+        let asked: Vec<CellKey> = asked.into_iter().collect();
+        let sentences: Vec<Option<String>> = asked
+            .par_iter()
+            .map(|cell| {
+                let nothing = Expected::default();
+                let mesh = match batch.get(cell) {
+                    Some(leaf) => check_page(file, leaf, leaf.representations.first()?).ok()?,
+                    None => Mesh::default(),
+                };
+                let why = difference(&mesh, expected.get(cell).unwrap_or(&nothing))?;
+                Some(format!("leaf {cell}: {why}"))
+            })
+            .collect();
+        out.extend(sentences.into_iter().flatten());
+    }
+    progress.end();
     Ok(out)
+}
+
+fn total_bytes(paths: &[PathBuf]) -> Result<u64, BuildError> {
+    let size = |path: &PathBuf| {
+        std::fs::metadata(path).map(|m| m.len()).map_err(BuildError::io(path, "read"))
+    };
+    paths.iter().map(size).sum()
+}
+
+/// The input's vertices on the lattice, file after file.
+struct Vertices {
+    positions: Vec<[i32; 3]>,
+    /// Where each file's begin.
+    first: Vec<usize>,
+}
+
+impl Vertices {
+    fn read(
+        paths: &[PathBuf],
+        lattice: &Lattice,
+        progress: &dyn Progress,
+    ) -> Result<Vertices, BuildError> {
+        let mut out = Vertices { positions: Vec::new(), first: Vec::new() };
+        for path in paths {
+            out.first.push(out.positions.len());
+            each_batch(path, progress, &mut |batch| {
+                if let Batch::Vertices(batch) = batch {
+                    let rounded = batch.positions.iter().map(|p| round_to(lattice, p.to_array()));
+                    out.positions.extend(rounded);
+                }
+            })?;
+        }
+        Ok(out)
+    }
+
+    /// Calls `visit` for every triangle of the input.
+    fn each_triangle(
+        &self,
+        paths: &[PathBuf],
+        progress: &dyn Progress,
+        visit: &mut dyn FnMut(Corners),
+    ) -> Result<(), BuildError> {
+        for (path, first) in paths.iter().zip(&self.first) {
+            each_batch(path, progress, &mut |batch| {
+                if let Batch::Triangles(batch) = batch {
+                    for t in batch.triangles {
+                        // Readers check indices; the file may have changed since its vertices
+                        // were read.
+                        let corner = |v: u32| self.positions.get(first + v as usize).copied();
+                        if let [Some(a), Some(b), Some(c)] = t.map(corner) {
+                            visit([a, b, c]);
+                        }
+                    }
+                }
+            })?;
+        }
+        Ok(())
+    }
+}
+
+fn each_batch(
+    path: &PathBuf,
+    progress: &dyn Progress,
+    visit: &mut dyn FnMut(Batch),
+) -> Result<(), BuildError> {
+    let scratch = std::env::temp_dir();
+    let options = ReadOptions {
+        memory_bytes: READER_BYTES,
+        scratch: &scratch,
+        progress: &mut |_| !progress.is_stopped(),
+    };
+    let mut reader = ScanReader::open_within(path, options)?;
+    let mut done = 0;
+    while let Some(batch) = reader.next_batch()? {
+        visit(batch);
+        progress.advance(reader.bytes_read() - done);
+        done = reader.bytes_read();
+    }
+    Ok(())
 }
 
 fn round_to(lattice: &Lattice, p: [f64; 3]) -> [i32; 3] {
@@ -77,9 +216,13 @@ fn distribute(
     cell: CellKey,
     t: &Corners,
     lattice: &Lattice,
-    leaves: &BTreeMap<CellKey, Mesh>,
+    inner: &HashSet<CellKey>,
+    is_asked: &dyn Fn(&CellKey) -> bool,
     expected: &mut BTreeMap<CellKey, Expected>,
 ) {
+    if !is_asked(&cell) {
+        return;
+    }
     let lo = lattice.cell_min(cell);
     let edge = lattice.cell_units(cell.depth()) as i32;
     let outside =
@@ -87,9 +230,9 @@ fn distribute(
     if outside {
         return;
     }
-    if !leaves.contains_key(&cell) && has_leaf_below(cell, leaves) {
+    if inner.contains(&cell) {
         for octant in 0..8 {
-            distribute(cell.child(octant), t, lattice, leaves, expected);
+            distribute(cell.child(octant), t, lattice, inner, is_asked, expected);
         }
         return;
     }
@@ -112,20 +255,6 @@ fn distribute(
         entry.crossing_area += area;
         entry.area_slack += outline * ROUNDING_STEPS / 2.0 + 1.0;
     }
-}
-
-/// Whether any leaf lies below an inner cell.
-fn has_leaf_below(cell: CellKey, leaves: &BTreeMap<CellKey, Mesh>) -> bool {
-    let deepest = leaves.keys().next_back().map_or(0, |c| c.depth());
-    let (mut first, mut last) = (cell, cell);
-    while first.depth() < deepest {
-        first = first.child(0);
-        last = last.child(7);
-        if leaves.range(first..=last).next().is_some() {
-            return true;
-        }
-    }
-    false
 }
 
 fn canonical(mut t: Corners) -> Corners {

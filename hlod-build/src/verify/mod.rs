@@ -8,11 +8,15 @@
 //! - Inner nodes are sampled both ways at a spacing of at most a quarter of their error. No
 //!   sample may be farther than the stored error; the largest sample plus the covering radius of
 //!   the samples is `independent_bound`, an upper bound that owes nothing to the builder.
+//!
+//! Leaves are read when they are needed and not kept, so that files larger than memory can be
+//! checked.
 
 pub(crate) mod distance;
 mod inner;
 mod leaves;
 mod normals;
+mod originals;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -22,6 +26,8 @@ use hlod_compress::{
 };
 use rayon::prelude::*;
 use serde::Serialize;
+
+use originals::Originals;
 
 use crate::error::BuildError;
 use crate::progress::{Progress, Unit};
@@ -92,63 +98,85 @@ pub struct RepresentationCheck {
     pub normal_sampled_deg: f32,
 }
 
-/// Checks a file, against its inputs where they are given. Of the inner nodes of each depth a
-/// `share` from 0 to 1 is sampled, evenly spread, at least one.
+/// What is checked, and with how much memory.
+#[derive(Debug, Clone)]
+pub struct VerifyOptions {
+    /// The scans that the file was built from: leaves are compared with them too.
+    pub against: Vec<PathBuf>,
+    /// Of the inner nodes of each depth this share, from 0 to 1, is sampled, evenly spread, at
+    /// least one.
+    pub share: f64,
+    /// How much memory the comparison of leaves may take; it needs 12 bytes for each vertex of the
+    /// scans, whatever this says, and passes over the scans more often where it is less.
+    pub memory_bytes: u64,
+    /// Nodes that stand for more triangles than this are sampled in parts of at most as many, each
+    /// by one thread, at some 250 bytes a triangle.
+    pub block_triangles: u64,
+}
+
+impl Default for VerifyOptions {
+    fn default() -> VerifyOptions {
+        VerifyOptions {
+            against: Vec::new(),
+            share: 1.0,
+            memory_bytes: 4 << 30,
+            block_triangles: 400_000,
+        }
+    }
+}
+
+/// Checks a file.
 ///
 /// # Errors
 /// When the file or an input cannot be read at all. Whatever is wrong inside the file is in the
 /// report.
 pub fn verify(
     path: &Path,
-    against: &[PathBuf],
-    share: f64,
+    options: &VerifyOptions,
     progress: &dyn Progress,
 ) -> Result<VerifyReport, BuildError> {
     let file = HlodFile::open(path).map_err(BuildError::format(path))?;
     let nodes = file.read_skeleton().map_err(BuildError::format(path))?;
-    let sampled = choose(&nodes, share);
-    let mut problems = Vec::new();
 
-    // Decode everything once; leaves stay for what follows.
     progress.begin("decode", nodes.len() as u64, Unit::Nodes);
-    let decoded: Vec<Result<Vec<Mesh>, String>> = nodes
+    let mut problems: Vec<String> = nodes
         .par_iter()
-        .map(|node| {
-            let meshes = node.representations.iter().map(|r| check_page(&file, node, r));
+        .filter_map(|node| {
+            let pages = node.representations.iter();
+            let problem = pages.map(|r| check_page(&file, node, r)).find_map(Result::err);
             progress.advance(1);
-            meshes.collect()
+            problem
         })
         .collect();
     progress.end();
-    let mut leaves: BTreeMap<CellKey, Mesh> = BTreeMap::new();
-    let mut inner: Vec<(&NodeRecord, Vec<Mesh>)> = Vec::new();
-    for (node, meshes) in nodes.iter().zip(decoded) {
-        match meshes {
-            Ok(mut meshes) if node.is_leaf() => {
-                leaves.insert(node.cell, meshes.swap_remove(0));
-            }
-            Ok(meshes) if sampled.contains(&node.cell) => inner.push((node, meshes)),
-            Ok(_) => {}
-            Err(problem) => problems.push(problem),
-        }
-    }
     check_monotone(&nodes, &mut problems);
 
     let mut leaves_differ = 0;
-    if !against.is_empty() {
-        let differing = leaves::compare(&file, &leaves, against, progress)?;
+    if !options.against.is_empty() {
+        let differing =
+            leaves::compare(&file, &nodes, &options.against, options.memory_bytes, progress)?;
         leaves_differ = differing.len() as u64;
         problems.extend(differing);
     }
 
-    progress.begin("sample", inner.iter().map(|(_, m)| m.len() as u64).sum(), Unit::Nodes);
-    let checks: Vec<RepresentationCheck> = inner
-        .par_iter()
-        .flat_map_iter(|(node, meshes)| {
-            inner::check(node, meshes, &leaves, &file.header().lattice, progress)
-        })
-        .collect();
+    let originals = Originals::new(&file, &nodes, options.block_triangles);
+    let sampled = choose(&nodes, options.share);
+    let sampled: Vec<&NodeRecord> =
+        nodes.iter().filter(|node| sampled.contains(&node.cell)).collect();
+    let triangles = sampled.iter().map(|node| originals.triangles_below(node.cell)).sum();
+    progress.begin("sample", triangles, Unit::Triangles);
+    let found: Vec<Result<Vec<RepresentationCheck>, String>> =
+        sampled.par_iter().map(|node| inner::check(&file, node, &originals, progress)).collect();
     progress.end();
+    let mut checks = Vec::new();
+    for found in found {
+        match found {
+            Ok(found) => checks.extend(found),
+            // Said above already: the page that could not be read.
+            Err(problem) if problems.is_empty() => problems.push(problem),
+            Err(_) => {}
+        }
+    }
 
     let over = checks.iter().filter(|c| c.sampled > c.stored);
     let nodes_over_bound = over.clone().count() as u64;
@@ -185,7 +213,7 @@ pub fn verify(
         tightness_median: percentile(0.5),
         tightness_p95: percentile(0.95),
         independent_ratio_max: checks.iter().map(ratio).fold(0.0, f64::max),
-        leaves_compared: !against.is_empty(),
+        leaves_compared: !options.against.is_empty(),
         leaves_differ,
         problems,
         representations: checks,
