@@ -8,6 +8,7 @@ use hlod_scan::{Batch, ReadOptions, ScanError, ScanReader, ScanReport};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::overlap::overlap;
 use super::weld::Soup;
 use super::work_folder::WorkFolder;
 use crate::error::BuildError;
@@ -139,7 +140,13 @@ fn read_all(
         let vertices_max = header.vertices_declared.unwrap_or(header.file_bytes / 50 * 3);
         let begin = || Soup::begin(&folder.file(SOUP), vertices_max, memory_bytes);
         let mut soup = header.is_triangle_soup.then(begin).transpose()?;
-        while let Some(batch) = reader.next_batch()? {
+        let read = |emit: &mut dyn FnMut((Batch, u64)) -> Result<(), BuildError>| {
+            while let Some(batch) = reader.next_batch()? {
+                emit((batch, reader.bytes_read()))?;
+            }
+            Ok(reader.report().clone())
+        };
+        let take = |(batch, bytes_read)| {
             match batch {
                 Batch::Vertices(batch) => {
                     let mut records = Vec::with_capacity(batch.positions.len());
@@ -183,10 +190,10 @@ fn read_all(
                     }
                 }
             }
-            folder.check_stop(progress)?;
-            advance(reader.bytes_read());
-        }
-        let mut report = reader.report().clone();
+            advance(bytes_read);
+            folder.check_stop(progress)
+        };
+        let mut report = overlap(read, take)?;
         if let Some(soup) = soup {
             let welded = soup.finish(first_vertex as u32, &mut triangles)?;
             account.triangles += welded.triangles;

@@ -9,6 +9,7 @@ use std::path::Path;
 
 use bytemuck::{Pod, Zeroable};
 
+use super::overlap::overlap;
 use crate::error::BuildError;
 use crate::spill::{Buckets, RecordReader};
 
@@ -55,16 +56,26 @@ pub(crate) enum Event<V> {
 /// Triangles handed over at once.
 const BATCH: usize = 1 << 16;
 
-/// Hands out every triangle once, in batches, in an order that depends on `memory_bytes`. Gives the
+/// Hands out every triangle once, in batches, while the next are being read, in an order that depends on `memory_bytes`. Gives the
 /// number of vertices that no triangle has.
 ///
 /// `scratch` is a folder for files that are gone when this returns.
-pub(crate) fn join<V: Pod>(
+pub(crate) fn join<V: Pod + Send + Sync>(
     vertices: &Path,
     triangles: &Path,
     scratch: &Path,
     memory_bytes: usize,
-    mut consume: impl FnMut(Event<V>) -> Result<(), BuildError>,
+    consume: impl FnMut(Event<V>) -> Result<(), BuildError>,
+) -> Result<u64, BuildError> {
+    overlap(|emit| emit_all(vertices, triangles, scratch, memory_bytes, emit), consume)
+}
+
+fn emit_all<V: Pod>(
+    vertices: &Path,
+    triangles: &Path,
+    scratch: &Path,
+    memory_bytes: usize,
+    consume: &mut dyn FnMut(Event<V>) -> Result<(), BuildError>,
 ) -> Result<u64, BuildError> {
     let vertex_count = RecordReader::<V>::open(vertices)?.left() as usize;
     // Half for the window, half for what goes to and from files.
@@ -89,8 +100,7 @@ pub(crate) fn join<V: Pod>(
         return Ok(unused(&is_used));
     }
     std::fs::create_dir_all(scratch).map_err(BuildError::io(scratch, "create"))?;
-    let unused =
-        join_in_windows(vertices, triangles, scratch, window, memory_bytes / 2, &mut consume)?;
+    let unused = join_in_windows(vertices, triangles, scratch, window, memory_bytes / 2, consume)?;
     std::fs::remove_dir_all(scratch).map_err(BuildError::io(scratch, "remove"))?;
     Ok(unused)
 }
@@ -105,7 +115,7 @@ fn join_in_windows<V: Pod>(
     scratch: &Path,
     window: usize,
     buffer_bytes: usize,
-    consume: &mut impl FnMut(Event<V>) -> Result<(), BuildError>,
+    consume: &mut dyn FnMut(Event<V>) -> Result<(), BuildError>,
 ) -> Result<u64, BuildError> {
     let mut vertex_reader = RecordReader::<V>::open(vertices)?;
     let windows = (vertex_reader.left() as usize).div_ceil(window);

@@ -15,6 +15,7 @@ pub(crate) mod assemble;
 pub(crate) mod ingest;
 mod join;
 pub(crate) mod nodes;
+mod overlap;
 pub(crate) mod scatter;
 pub(crate) mod survey;
 mod weld;

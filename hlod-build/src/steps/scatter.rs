@@ -229,12 +229,15 @@ impl<'a> Cells<'a> {
     }
 
     fn append(&mut self) -> Result<(), BuildError> {
-        for (cell, pieces) in self.pending.drain() {
-            let count = self.counts.entry(cell).or_default();
-            let path: PathBuf = self.folder.file(&file_of(cell));
+        // A file each, so that all threads can write.
+        let pending: Vec<(CellKey, Vec<CutTriangle>)> = self.pending.drain().collect();
+        pending.par_iter().try_for_each(|(cell, pieces)| {
+            let path: PathBuf = self.folder.file(&file_of(*cell));
             // A file of that name may be left of a run that was stopped.
-            append_records(&path, &pieces, *count == 0)?;
-            *count += pieces.len() as u64;
+            append_records(&path, pieces, !self.counts.contains_key(cell))
+        })?;
+        for (cell, pieces) in pending {
+            *self.counts.entry(cell).or_default() += pieces.len() as u64;
         }
         self.pending_count = 0;
         Ok(())

@@ -9,6 +9,7 @@ use std::fs::{File, TryLockError};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::BuildError;
@@ -242,7 +243,7 @@ impl WorkFolder {
 
     /// Writes down that a step is done. Its files are on disk before the journal says so.
     pub(crate) fn finish_step(&self, step: &str, files: &[&str]) -> Result<(), BuildError> {
-        let files = files.iter().map(|name| FileStamp::of(&self.path, name));
+        let files = files.par_iter().map(|name| FileStamp::of(&self.path, name));
         let line = Line::Done { step: step.to_owned(), files: files.collect::<Result<_, _>>()? };
         let mut journal = self.journal.lock().unwrap_or_else(|e| e.into_inner());
         append(&mut journal, &line, &self.path.join(JOURNAL))
