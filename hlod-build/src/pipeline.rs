@@ -1,12 +1,11 @@
 //! The build, as an outline: scan → lattice → leaves → hierarchy → file.
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use hlod_compress::{
-    AttributeDeclaration, AttributeDomain, AttributeType, BlockRef, CellKey, Header, SignedAxis,
+    AttributeDeclaration, AttributeDomain, AttributeType, BlockRef, Header, SignedAxis,
 };
 use hlod_scan::ScanReport;
 use rayon::prelude::*;
@@ -14,8 +13,9 @@ use serde::Serialize;
 
 use crate::error::BuildError;
 use crate::gate::Gate;
-use crate::hierarchy::{NODE_BYTES_A_TRIANGLE, Setting};
+use crate::hierarchy::Setting;
 use crate::ingest::Precision;
+use crate::memory::{Memory, SUBTREES_AT_A_TIME};
 use crate::oddities::Oddities;
 use crate::output::check_output;
 use crate::progress::{Progress, Unit};
@@ -23,9 +23,10 @@ use crate::resources::{Costs, Meter};
 use crate::steps::assemble::assemble;
 use crate::steps::ingest::{self, Account, ingest};
 use crate::steps::nodes::{build_subtree_step, build_upper_step};
+use crate::steps::plan::Plan;
 use crate::steps::scatter::{Subtree, scatter};
 use crate::steps::survey::{self, Survey, survey};
-use crate::steps::work_folder::{Identity, InputStamp, WorkFolder};
+use crate::steps::work_folder::{Identity, InputStamp, PROGRAM, StepOptions, WorkFolder};
 
 /// What a build is asked for.
 #[derive(Debug, Clone)]
@@ -125,7 +126,7 @@ pub fn build(
         return Err(BuildError::Usage("no input was given".into()));
     }
     check_output(inputs, output, options.force)?;
-    let memory = Memory::share(options, output)?;
+    let memory = Memory::share(options.memory_bytes, options.leaf_triangles, output)?;
     let mut meter = Meter::start();
     let folder_path = options.work_folder.clone().unwrap_or_else(|| beside(output));
     let folder = open_folder(&folder_path, inputs, options, progress)?;
@@ -135,14 +136,41 @@ pub fn build(
             folder.remove()?;
             Ok(built.report(output, meter.finish()))
         }
-        Err(error) => {
-            // Nothing is left where nothing was done, or going on would end as this did.
-            if !folder.has_steps() || !error.is_passing() {
-                folder.remove()?;
-            }
-            Err(error)
-        }
+        Err(error) => Err(give_up(folder, error)?),
     }
+}
+
+/// Begins a build and divides the scan, so that the remaining steps can be done one by one, several
+/// at a time, or elsewhere (`step`); `build` with `resume` then does what is left. Gives the
+/// work folder.
+///
+/// # Errors
+/// As [`build`].
+pub fn prepare(
+    inputs: &[PathBuf],
+    output: &Path,
+    options: &BuildOptions,
+    progress: &dyn Progress,
+) -> Result<PathBuf, BuildError> {
+    if inputs.is_empty() {
+        return Err(BuildError::Usage("no input was given".into()));
+    }
+    check_output(inputs, output, options.force)?;
+    let memory = Memory::share(options.memory_bytes, options.leaf_triangles, output)?;
+    let folder_path = options.work_folder.clone().unwrap_or_else(|| beside(output));
+    let folder = open_folder(&folder_path, inputs, options, progress)?;
+    match divide(&folder, inputs, options, &memory, &mut Meter::start(), progress) {
+        Ok(_) => Ok(folder_path),
+        Err(error) => Err(give_up(folder, error)?),
+    }
+}
+
+/// Nothing is left where nothing was done, or going on would end as this did.
+fn give_up(folder: WorkFolder, error: BuildError) -> Result<BuildError, BuildError> {
+    if !folder.has_steps() || !error.is_passing() {
+        folder.remove()?;
+    }
+    Ok(error)
 }
 
 /// What the steps come to.
@@ -151,6 +179,35 @@ struct Built {
     survey: Survey,
     header: Header,
     oddities: Oddities,
+}
+
+/// A scan divided into subtrees, each in a file of its own.
+struct Divided {
+    account: Account,
+    survey: Survey,
+    plan: Plan,
+}
+
+fn divide(
+    folder: &WorkFolder,
+    inputs: &[PathBuf],
+    options: &BuildOptions,
+    memory: &Memory,
+    meter: &mut Meter,
+    progress: &dyn Progress,
+) -> Result<Divided, BuildError> {
+    let account = ingest(folder, inputs, memory.join_bytes, progress)?;
+    meter.finish_stage("read");
+
+    let (precision, full) = (options.precision, memory.subtree_triangles);
+    let survey = survey(folder, &account, precision, full, memory.join_bytes, progress)?;
+    folder.discard(&[ingest::VERTICES])?;
+    meter.finish_stage("survey");
+
+    let subtrees = scatter(folder, &survey, account.triangles, full, memory.join_bytes, progress)?;
+    folder.discard(&[ingest::TRIANGLES, survey::PLACED])?;
+    meter.finish_stage("partition");
+    Ok(Divided { account, survey, plan: Plan::new(subtrees) })
 }
 
 /// The build: each step reads what those before have written.
@@ -163,17 +220,8 @@ fn run_steps(
     meter: &mut Meter,
     progress: &dyn Progress,
 ) -> Result<Built, BuildError> {
-    let account = ingest(folder, inputs, memory.join_bytes, progress)?;
-    meter.finish_stage("read");
-
-    let (precision, full) = (options.precision, memory.subtree_triangles);
-    let survey = survey(folder, &account, precision, full, memory.join_bytes, progress)?;
-    folder.discard(&[ingest::VERTICES])?;
-    meter.finish_stage("survey");
-
-    let subtrees = scatter(folder, &survey, account.triangles, full, memory.join_bytes, progress)?;
-    folder.discard(&[ingest::TRIANGLES, survey::PLACED])?;
-    meter.finish_stage("partition");
+    let Divided { account, survey, plan } =
+        divide(folder, inputs, options, memory, meter, progress)?;
 
     let gate = Gate::new(memory.nodes_bytes);
     let setting = Setting {
@@ -185,16 +233,16 @@ fn run_steps(
         progress,
     };
     let leaf_triangles = options.leaf_triangles as usize;
-    progress.begin("simplify", subtrees.iter().map(|s| s.triangles).sum(), Unit::Triangles);
-    build_subtrees(folder, &subtrees, leaf_triangles, account.has_colours, &setting)?;
+    progress.begin("simplify", plan.subtrees.iter().map(|s| s.triangles).sum(), Unit::Triangles);
+    build_subtrees(folder, &plan.subtrees, leaf_triangles, account.has_colours, &setting)?;
     progress.end();
     meter.finish_stage("simplify");
 
-    let parts = build_upper_levels(folder, &subtrees, &setting)?;
+    build_upper_levels(folder, &plan, &setting)?;
     meter.finish_stage("upper levels");
 
     let header = header(options, &account, &survey);
-    let (header, oddities) = assemble(folder, &parts, header, output, progress)?;
+    let (header, oddities) = assemble(folder, &plan.parts(), header, output, progress)?;
     meter.finish_stage("write");
     Ok(Built { account, survey, header, oddities })
 }
@@ -234,90 +282,24 @@ fn build_subtrees(
     failure.into_inner().ok().flatten().map_or(Ok(()), Err)
 }
 
-const SUBTREES_AT_A_TIME: usize = 2;
-
-/// The nodes above the subtrees, depth by depth; gives the topmost cells of all parts.
+/// The nodes above the subtrees, depth by depth.
 fn build_upper_levels(
     folder: &WorkFolder,
-    subtrees: &[Subtree],
+    plan: &Plan,
     setting: &Setting<'_>,
-) -> Result<Vec<CellKey>, BuildError> {
-    let mut parts: BTreeSet<CellKey> = subtrees.iter().map(Subtree::cell).collect();
-    let mut upper = BTreeSet::new();
-    for &cell in &parts {
-        let mut above = cell.parent();
-        while let Some(cell) = above.filter(|&cell| upper.insert(cell)) {
-            above = cell.parent();
-        }
-    }
+) -> Result<(), BuildError> {
+    let levels = plan.upper_levels();
     let progress = setting.progress;
-    progress.begin("upper levels", upper.len() as u64, Unit::Nodes);
-    let deepest = upper.iter().map(|cell| cell.depth()).max();
-    for depth in (0..=deepest.unwrap_or(0)).rev() {
-        let cells: Vec<CellKey> = upper.iter().copied().filter(|c| c.depth() == depth).collect();
+    progress.begin("upper levels", levels.iter().map(|l| l.len() as u64).sum(), Unit::Nodes);
+    for cells in levels {
         cells.par_iter().try_for_each(|&cell| {
-            let below = parts.iter().copied().filter(|part| {
-                let parent = part.parent();
-                parent == Some(cell) || parent.and_then(CellKey::parent) == Some(cell)
-            });
-            let below: Vec<CellKey> = below.collect();
-            let done = build_upper_step(folder, cell, &below, setting);
+            let done = build_upper_step(folder, cell, &plan.below(cell), setting);
             progress.advance(1);
             done
         })?;
-        parts.extend(cells);
     }
     progress.end();
-    Ok(parts.into_iter().collect())
-}
-
-/// How the memory allowed is used.
-struct Memory {
-    /// For bringing triangles and vertices together.
-    join_bytes: usize,
-    /// Triangles of a subtree.
-    subtree_triangles: u64,
-    /// For the nodes being simplified at a time.
-    nodes_bytes: u64,
-}
-
-impl Memory {
-    /// The program, its threads' stacks and what the allocator keeps.
-    const FIXED_BYTES: u64 = 48 << 20;
-    /// A subtree's triangles while they are cut into leaves, and its leaves and pages afterwards.
-    const SUBTREE_BYTES_A_TRIANGLE: u64 = 200;
-    /// More would only make progress coarser and leave threads idle at the end.
-    const SUBTREE_TRIANGLES_MAX: u64 = 1_000_000;
-    /// A cell as full as this is surely split, however its triangles are cut.
-    const SUBTREE_LEAVES_MIN: u64 = 8;
-    /// As many full leaves as a node usually gathers.
-    const NODE_LEAVES: u64 = 16;
-    /// The allocator keeps a part of what was freed.
-    const KEPT_SHARE: u64 = 12;
-
-    fn share(options: &BuildOptions, output: &Path) -> Result<Memory, BuildError> {
-        let all = options.memory_bytes - options.memory_bytes / Self::KEPT_SHARE;
-        let leaf = u64::from(options.leaf_triangles);
-        let at_a_time = SUBTREES_AT_A_TIME as u64 * Self::SUBTREE_BYTES_A_TRIANGLE;
-        let subtree_triangles = (all / 8 / at_a_time)
-            .min(Self::SUBTREE_TRIANGLES_MAX)
-            .max(Self::SUBTREE_LEAVES_MIN * leaf);
-        let taken = Self::FIXED_BYTES + subtree_triangles * at_a_time;
-        let node = Self::NODE_LEAVES * leaf * NODE_BYTES_A_TRIANGLE;
-        if all < taken + node {
-            return Err(BuildError::Memory {
-                path: output.to_owned(),
-                why: "leaves of so many triangles have to be simplified together",
-                needed_bytes: (taken + node) * Self::KEPT_SHARE / (Self::KEPT_SHARE - 1),
-                budget_bytes: options.memory_bytes,
-            });
-        }
-        Ok(Memory {
-            join_bytes: usize::try_from((all - Self::FIXED_BYTES) / 2).unwrap_or(usize::MAX),
-            subtree_triangles,
-            nodes_bytes: all - taken,
-        })
-    }
+    Ok(())
 }
 
 /// The work folder's usual place.
@@ -334,13 +316,13 @@ fn open_folder(
     progress: &dyn Progress,
 ) -> Result<WorkFolder, BuildError> {
     let identity = Identity {
-        program: format!("hlod-build {}", env!("CARGO_PKG_VERSION")),
-        options: serde_json::json!({
-            "resolution": options.resolution,
-            "leaf_triangles": options.leaf_triangles,
-            "precision": options.precision,
-            "normal_noise": options.normal_noise,
-        }),
+        program: PROGRAM.into(),
+        options: StepOptions {
+            resolution: options.resolution,
+            leaf_triangles: options.leaf_triangles,
+            precision: options.precision,
+            normal_noise: options.normal_noise,
+        },
         inputs: inputs.iter().map(|input| InputStamp::of(input)).collect::<Result<_, _>>()?,
     };
     if !options.resume {

@@ -190,6 +190,78 @@ fn other_builds_and_changed_inputs_are_refused() {
 
 /// The system refuses more than what was allowed, and the file is the same as with plenty.
 #[cfg(target_os = "linux")]
+/// Steps done by processes of their own, some of them in a folder that holds nothing but what they
+/// need, make the same file.
+#[test]
+fn steps_done_one_by_one_and_elsewhere_give_the_same_bytes() {
+    let model = Model::new(200);
+    let output = model.path("steps.hlod");
+    let prepared = command(&model.scan, &output, &["--prepare", "--quiet"]).output().unwrap();
+    assert!(prepared.status.success(), "{}", said(&prepared));
+    let home = work(&output);
+    let step = |folder: &Path, names: &[&str]| {
+        let mut command = program("hlod-build");
+        command.arg("step").arg(folder).args(names).args(["--json", "--memory", "96MiB"]);
+        command.output().unwrap()
+    };
+    let list = || -> Vec<serde_json::Value> {
+        let output = step(&home, &[]);
+        assert!(output.status.success(), "{}", said(&output));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let all = list();
+    assert!(all.len() > 5, "{all:?}");
+    let text = |value: &serde_json::Value| value.as_str().unwrap().to_owned();
+    let names = |step: &serde_json::Value, key: &str| -> Vec<String> {
+        step[key].as_array().unwrap().iter().map(text).collect()
+    };
+
+    // What is not there yet is said, as is what does not exist.
+    let early = step(&home, &[&text(&all.last().unwrap()["name"])]);
+    assert_eq!(early.status.code(), Some(2));
+    assert!(said(&early).contains("needs nodes-"), "{}", said(&early));
+    assert!(said(&step(&home, &["build-9-9"])).contains("has no step build-9-9"));
+
+    let away = model.path("away");
+    for (i, description) in all.iter().enumerate() {
+        let name = text(&description["name"]);
+        let journal = std::fs::read_to_string(home.join("journal")).unwrap();
+        let is_away = i % 2 == 1;
+        if is_away {
+            std::fs::create_dir(&away).unwrap();
+            for file in names(description, "needs").iter().map(String::as_str).chain(["journal"]) {
+                std::fs::copy(home.join(file), away.join(file)).unwrap();
+            }
+        }
+        let done = step(if is_away { &away } else { &home }, &[&name]);
+        assert!(done.status.success(), "{name}: {}", said(&done));
+        if is_away {
+            for file in names(description, "makes") {
+                std::fs::copy(away.join(&file), home.join(&file)).unwrap();
+            }
+            let longer = std::fs::read_to_string(away.join("journal")).unwrap();
+            assert!(longer.len() > journal.len());
+            std::fs::copy(away.join("journal"), home.join("journal")).unwrap();
+            std::fs::remove_dir_all(&away).unwrap();
+        }
+    }
+    assert!(list().iter().all(|step| step["done"] == true));
+    model.finish(&output, "steps");
+
+    // What was changed in between is noticed.
+    let output = model.path("tampered.hlod");
+    let home = work(&output);
+    let prepared = command(&model.scan, &output, &["--prepare", "--quiet"]).output().unwrap();
+    assert!(prepared.status.success(), "{}", said(&prepared));
+    let cell = names(&all[0], "needs").into_iter().find(|f| f.starts_with("cell-")).unwrap();
+    let mut bytes = std::fs::read(home.join(&cell)).unwrap();
+    bytes[100] ^= 1;
+    std::fs::write(home.join(&cell), bytes).unwrap();
+    let refused = step(&home, &[&text(&all[0]["name"])]);
+    assert!(said(&refused).contains(&cell), "{}", said(&refused));
+    model.finish(&output, "tampered");
+}
+
 #[test]
 fn memory_stays_within_what_is_allowed() {
     let folder = tempfile::tempdir().unwrap();

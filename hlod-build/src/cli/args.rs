@@ -24,6 +24,8 @@ pub struct Cli {
 pub enum Command {
     /// Build an .hlod file from one or several scans (PLY, OBJ, STL, GLB, glTF).
     Build(BuildArgs),
+    /// List or do the steps of a build that was begun with --prepare, on one machine or on several.
+    Step(StepArgs),
     /// Say what is in an .hlod file, level by level.
     Info(InfoArgs),
     /// Check an .hlod file, and try to refute the errors it states.
@@ -97,6 +99,10 @@ pub struct BuildArgs {
     /// Which way is up: +x -x +y -y +z -z.
     #[arg(long, default_value = "+y", allow_hyphen_values = true)]
     pub up: SignedAxis,
+    /// Only divide the scan, in the work folder: `step` does the rest in parts, and --resume
+    /// finishes.
+    #[arg(long)]
+    pub prepare: bool,
     /// Which way the statue faces [default: +z, or -y where up is along z].
     #[arg(long, allow_hyphen_values = true)]
     pub front: Option<SignedAxis>,
@@ -179,6 +185,26 @@ impl BuildArgs {
 pub struct InfoArgs {
     /// The .hlod file.
     pub file: PathBuf,
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+#[derive(Args)]
+#[command(
+    after_help = "A step needs the journal and the files listed, and makes files and a line of the journal; \
+processes may do steps of one folder at the same time. When all are done, `build --resume` writes the output."
+)]
+pub struct StepArgs {
+    /// The work folder.
+    pub work_dir: PathBuf,
+    /// Steps to do, in this order; without any, steps are listed.
+    pub name: Vec<String>,
+    /// Memory that a step may use, as in 512MiB or 4GiB.
+    #[arg(long, default_value = "4GiB", value_parser = byte_count)]
+    pub memory: u64,
+    /// Worker threads [default: one a core].
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
+    pub threads: Option<u16>,
     #[command(flatten)]
     pub json: JsonArgs,
 }

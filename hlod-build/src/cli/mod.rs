@@ -9,11 +9,13 @@ use std::path::{Path, PathBuf};
 
 use hlod_build::progress::{Progress, Unit};
 use hlod_build::synth::{StatueOptions, describe, write_statue};
-use hlod_build::{VerifyOptions, build, compare, export, info, verify};
+use hlod_build::{
+    VerifyOptions, build, compare, export, info, list_steps, prepare, run_step, verify,
+};
 use outcome::Outcome;
 use serde::Serialize;
 
-use args::{BuildArgs, Cli, Command, ExportArgs, JsonArgs, SynthArgs, VerifyArgs};
+use args::{BuildArgs, Cli, Command, ExportArgs, JsonArgs, StepArgs, SynthArgs, VerifyArgs};
 use progress_bar::Bars;
 
 pub use outcome::Failure;
@@ -67,6 +69,7 @@ pub fn run(cli: &Cli) -> Outcome {
             let info = info(&args.file)?;
             print(&args.json, &info, || tables::info(&info))
         }
+        Command::Step(args) => run_steps(args, &progress),
         Command::Verify(args) => run_verify(args, &progress),
         Command::Export(args) => run_export(args),
         Command::Compare(args) => {
@@ -79,13 +82,12 @@ pub fn run(cli: &Cli) -> Outcome {
 
 fn run_build(args: &BuildArgs, progress: &Bars, quiet: bool) -> Outcome {
     let options = args.options().map_err(Failure::Usage)?;
-    if let Some(threads) = args.threads {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads));
-        pool.build_global().map_err(|e| Failure::Work(format!("cannot start threads: {e}")))?;
+    start_work(args.threads, progress)?;
+    if args.prepare {
+        let folder = prepare(&args.input, &args.output, &options, progress)?;
+        let steps = list_steps(&folder)?;
+        return print(&args.json, &steps, || tables::prepared(&steps, &folder));
     }
-    progress
-        .stop_on_interrupt()
-        .map_err(|e| Failure::Work(format!("cannot listen for Ctrl-C: {e}")))?;
     let report = build(&args.input, &args.output, &options, progress)?;
     if let Some(path) = &args.report {
         write_json(path, &report)?;
@@ -98,6 +100,30 @@ fn run_build(args: &BuildArgs, progress: &Bars, quiet: bool) -> Outcome {
         }
     }
     print(&args.json, &report, || tables::build(&report))
+}
+
+fn start_work(threads: Option<u16>, progress: &Bars) -> Outcome {
+    if let Some(threads) = threads {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads));
+        pool.build_global().map_err(|e| Failure::Work(format!("cannot start threads: {e}")))?;
+    }
+    progress
+        .stop_on_interrupt()
+        .map_err(|e| Failure::Work(format!("cannot listen for Ctrl-C: {e}")))
+}
+
+fn run_steps(args: &StepArgs, progress: &Bars) -> Outcome {
+    if args.name.is_empty() {
+        let steps = list_steps(&args.work_dir)?;
+        return print(&args.json, &steps, || tables::steps(&steps));
+    }
+    start_work(args.threads, progress)?;
+    for name in &args.name {
+        run_step(&args.work_dir, name, args.memory, progress)?;
+    }
+    let mut done = list_steps(&args.work_dir)?;
+    done.retain(|step| args.name.contains(&step.name));
+    print(&args.json, &done, || tables::steps(&done))
 }
 
 fn run_verify(args: &VerifyArgs, progress: &Bars) -> Outcome {

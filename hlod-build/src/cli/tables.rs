@@ -4,7 +4,9 @@ use std::path::Path;
 
 use comfy_table::{CellAlignment, Table, presets};
 use hlod_build::synth::StatueReport;
-use hlod_build::{BuildReport, CompareReport, ExportReport, Info, StageCost, VerifyReport};
+use hlod_build::{
+    BuildReport, CompareReport, ExportReport, Info, StageCost, StepDescription, VerifyReport,
+};
 use hlod_scan::ScanReport;
 
 /// A borderless table whose first column is text and whose others are numbers.
@@ -188,6 +190,37 @@ pub fn info(info: &Info) -> String {
             0 => "all within their budget".to_owned(),
             count => format!("{} nodes over their budget", grouped(count)),
         },
+    )
+}
+
+pub fn steps(steps: &[StepDescription]) -> String {
+    let mut table = table(&["step", "triangles", "reads", "writes", "state"]);
+    for step in steps {
+        let state = match (step.done, step.ready) {
+            (true, _) => "done",
+            (false, true) => "ready",
+            (false, false) => "waits",
+        };
+        let files = step.needs.iter().filter(|name| !name.ends_with(".json")).count();
+        table.add_row([
+            step.name.clone(),
+            step.triangles.map(grouped).unwrap_or_default(),
+            format!("{files} files"),
+            step.makes.join(" "),
+            state.to_owned(),
+        ]);
+    }
+    table.to_string()
+}
+
+pub fn prepared(all: &[StepDescription], folder: &Path) -> String {
+    let subtrees = all.iter().filter(|step| step.triangles.is_some()).count();
+    format!(
+        "{}: {} subtrees and {} nodes above them are left to build; `hlod-build step` lists and does \
+         them, `build --resume` finishes",
+        folder.display(),
+        subtrees,
+        all.len() - subtrees
     )
 }
 

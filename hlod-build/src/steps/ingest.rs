@@ -20,7 +20,7 @@ use crate::spill::RecordWriter;
 pub(crate) const VERTICES: &str = "vertices";
 pub(crate) const TRIANGLES: &str = "triangles";
 const SOUP: &str = "soup";
-const ACCOUNT: &str = "ingest.json";
+pub(crate) const ACCOUNT: &str = "ingest.json";
 
 /// A vertex as scanned.
 #[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
@@ -71,7 +71,12 @@ pub(crate) fn ingest(
         account.sources = identities?.iter().map(Source::of).collect();
         super::write_json(&account_file, &account)
     })?;
-    super::read_json(&account_file)
+    read_account(folder)
+}
+
+/// What a step that is done has read.
+pub(crate) fn read_account(folder: &WorkFolder) -> Result<Account, BuildError> {
+    super::read_json(&folder.file(ACCOUNT))
 }
 
 impl Source {

@@ -16,6 +16,7 @@ pub(crate) mod ingest;
 mod join;
 pub(crate) mod nodes;
 mod overlap;
+pub(crate) mod plan;
 pub(crate) mod scatter;
 pub(crate) mod survey;
 mod weld;

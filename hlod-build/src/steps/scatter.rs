@@ -17,7 +17,7 @@ use crate::partition::{Vertex, octants};
 use crate::progress::{Progress, Unit};
 use crate::spill::{RecordReader, append_records};
 
-const PLAN: &str = "plan.json";
+pub(crate) const PLAN: &str = "plan.json";
 
 /// A piece of a triangle of the scan.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -38,6 +38,10 @@ pub(crate) struct Subtree {
 }
 
 impl Subtree {
+    pub(crate) fn new(cell: CellKey, triangles: u64) -> Subtree {
+        Subtree { depth: cell.depth(), morton: cell.morton(), triangles }
+    }
+
     pub(crate) fn cell(&self) -> CellKey {
         CellKey::from_parts(self.depth, self.morton).expect("it was written from a cell")
     }
@@ -72,7 +76,12 @@ pub(crate) fn scatter(
         folder.finish_step("scatter", &files)?;
         progress.end();
     }
-    super::read_json(&plan_file)
+    read_plan(folder)
+}
+
+/// The subtrees of a step that is done.
+pub(crate) fn read_plan(folder: &WorkFolder) -> Result<Vec<Subtree>, BuildError> {
+    super::read_json(&folder.file(PLAN))
 }
 
 fn cut_all(
@@ -134,12 +143,7 @@ fn cut_all(
         counts.extend(cells.finish()?);
         std::fs::remove_file(&path).map_err(BuildError::io(&path, "remove"))?;
     }
-    let subtree = |(cell, triangles): (CellKey, u64)| Subtree {
-        depth: cell.depth(),
-        morton: cell.morton(),
-        triangles,
-    };
-    Ok(counts.into_iter().map(subtree).collect())
+    Ok(counts.into_iter().map(|(cell, triangles)| Subtree::new(cell, triangles)).collect())
 }
 
 /// Cuts a triangle until every piece lies in one cell that is not split. Triangles without an area

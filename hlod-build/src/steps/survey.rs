@@ -18,7 +18,7 @@ use crate::progress::{Progress, Unit};
 use crate::spill::{Buckets, RecordReader, RecordWriter};
 
 pub(crate) const PLACED: &str = "placed";
-const SURVEY: &str = "survey.json";
+pub(crate) const SURVEY: &str = "survey.json";
 const SUMS: &str = "sums";
 
 /// A vertex on the lattice.
@@ -68,7 +68,12 @@ pub(crate) fn survey(
         let survey = take(folder, account, precision, subtree_triangles, memory_bytes, progress)?;
         super::write_json(&survey_file, &survey)
     })?;
-    super::read_json(&survey_file)
+    read_survey(folder)
+}
+
+/// What a step that is done has found.
+pub(crate) fn read_survey(folder: &WorkFolder) -> Result<Survey, BuildError> {
+    super::read_json(&folder.file(SURVEY))
 }
 
 /// Depth of the grid in which triangles are counted.

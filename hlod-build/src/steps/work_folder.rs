@@ -64,9 +64,33 @@ impl InputStamp {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Identity {
     pub(crate) program: String,
-    pub(crate) options: serde_json::Value,
+    pub(crate) options: StepOptions,
     pub(crate) inputs: Vec<InputStamp>,
 }
+
+/// What steps depend on besides their files.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct StepOptions {
+    pub(crate) resolution: u32,
+    pub(crate) leaf_triangles: u32,
+    pub(crate) precision: Option<f64>,
+    pub(crate) normal_noise: f32,
+}
+
+impl std::fmt::Display for StepOptions {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let StepOptions { resolution, leaf_triangles, precision, normal_noise } = self;
+        write!(f, "resolution {resolution}, leaf triangles {leaf_triangles}, ")?;
+        write!(f, "normal noise {normal_noise}, precision ")?;
+        match precision {
+            Some(step) => write!(f, "{step}"),
+            None => f.write_str("found"),
+        }
+    }
+}
+
+/// The program whose work folders these are.
+pub(crate) const PROGRAM: &str = concat!("hlod-build ", env!("CARGO_PKG_VERSION"));
 
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -97,6 +121,8 @@ pub(crate) struct WorkFolder {
     /// Files that were removed because nothing needed them.
     discarded: HashSet<String>,
     identity: Identity,
+    /// How steps that are done have left their files.
+    stamps: HashMap<String, FileStamp>,
     _lock: File,
 }
 
@@ -115,7 +141,7 @@ impl WorkFolder {
                 path.display()
             )));
         }
-        let lock = lock(path)?;
+        let lock = lock(path, Lock::Alone)?;
         let journal = path.join(JOURNAL);
         let mut file = File::create_new(&journal).map_err(BuildError::io(&journal, "create"))?;
         append(&mut file, identity, &journal)?;
@@ -124,6 +150,7 @@ impl WorkFolder {
             journal: file.into(),
             done: HashSet::new(),
             discarded: HashSet::new(),
+            stamps: HashMap::new(),
             identity: identity.clone(),
             _lock: lock,
         })
@@ -145,29 +172,9 @@ impl WorkFolder {
                 path.display()
             )));
         }
-        let lock = lock(path)?;
-        let text = std::fs::read(&journal).map_err(BuildError::io(&journal, "read"))?;
-        // A line that a stop cut short does not end.
-        let whole = text.iter().rposition(|&b| b == b'\n').map_or(0, |end| end + 1);
-        let mut lines = text[..whole].split_inclusive(|&b| b == b'\n');
-        let before: Option<Identity> =
-            lines.next().and_then(|line| serde_json::from_slice(line).ok());
-        let Some(before) = before else {
-            return Err(BuildError::Usage(format!(
-                "{}: is not the journal of a build; remove the folder and start again",
-                journal.display()
-            )));
-        };
+        let lock = lock(path, Lock::Alone)?;
+        let Journal { identity: before, whole, mut done, discarded } = Journal::read(path, remark)?;
         before.check(identity, path)?;
-        let mut done: HashMap<String, Vec<FileStamp>> = HashMap::new();
-        let mut discarded = HashSet::new();
-        for line in lines {
-            match serde_json::from_slice(line) {
-                Ok(Line::Done { step, files }) => drop(done.insert(step, files)),
-                Ok(Line::Discarded { names }) => discarded.extend(names),
-                Err(_) => remark("a line of the journal cannot be read".into()),
-            }
-        }
         done.retain(|_, files| {
             let needed = files.iter().filter(|stamp| !discarded.contains(&stamp.name));
             let wrong = needed.clone().find(|stamp| !stamp.holds(path));
@@ -180,14 +187,53 @@ impl WorkFolder {
         let mut file = file.map_err(BuildError::io(&journal, "open"))?;
         file.set_len(whole as u64).map_err(BuildError::io(&journal, "write"))?;
         file.flush().map_err(BuildError::io(&journal, "write"))?;
+        let stamps = done.values().flatten().map(|s| (s.name.clone(), s.clone())).collect();
         Ok(WorkFolder {
             path: path.to_owned(),
             journal: file.into(),
             done: done.into_keys().collect(),
             discarded,
             identity: before,
+            stamps,
             _lock: lock,
         })
+    }
+
+    /// Opens the folder of a build to do some of its steps, beside others that do the same. What is
+    /// in the folder is not looked at: [`WorkFolder::holds`] does that.
+    ///
+    /// # Errors
+    /// When there is no build, or one goes on in the folder.
+    pub(crate) fn attend(path: &Path) -> Result<WorkFolder, BuildError> {
+        let lock = lock(path, Lock::Shared)?;
+        let Journal { identity: before, done, discarded, .. } = Journal::read(path, &mut |_| ())?;
+        let journal = path.join(JOURNAL);
+        let file = File::options().append(true).open(&journal);
+        let stamps = done.values().flatten().map(|s| (s.name.clone(), s.clone())).collect();
+        Ok(WorkFolder {
+            path: path.to_owned(),
+            journal: file.map_err(BuildError::io(&journal, "open"))?.into(),
+            done: done.into_keys().collect(),
+            discarded,
+            identity: before,
+            stamps,
+            _lock: lock,
+        })
+    }
+
+    /// Whether a file is as a step has written it.
+    pub(crate) fn holds(&self, name: &str) -> bool {
+        self.stamps.get(name).is_some_and(|stamp| stamp.holds(&self.path))
+    }
+
+    /// Forgets that a step was done.
+    pub(crate) fn forget(&mut self, step: &str) {
+        self.done.remove(step);
+    }
+
+    /// What is built from what.
+    pub(crate) fn identity(&self) -> &Identity {
+        &self.identity
     }
 
     /// The path of a file in the folder.
@@ -356,15 +402,62 @@ fn append(file: &mut File, line: &impl Serialize, path: &Path) -> Result<(), Bui
     file.write_all(&text).and_then(|()| file.sync_data()).map_err(BuildError::io(path, "write"))
 }
 
+/// What a journal says.
+struct Journal {
+    identity: Identity,
+    /// Its length in bytes without a line that a stop cut short.
+    whole: usize,
+    /// The steps that are done, and their files.
+    done: HashMap<String, Vec<FileStamp>>,
+    discarded: HashSet<String>,
+}
+
+impl Journal {
+    fn read(folder: &Path, remark: &mut dyn FnMut(String)) -> Result<Journal, BuildError> {
+        let path = folder.join(JOURNAL);
+        let text = std::fs::read(&path).map_err(BuildError::io(&path, "read"))?;
+        let whole = text.iter().rposition(|&b| b == b'\n').map_or(0, |end| end + 1);
+        let mut lines = text[..whole].split_inclusive(|&b| b == b'\n');
+        let identity: Option<Identity> =
+            lines.next().and_then(|line| serde_json::from_slice(line).ok());
+        let Some(identity) = identity else {
+            return Err(BuildError::Usage(format!(
+                "{}: is not the journal of a build; remove the folder and start again",
+                path.display()
+            )));
+        };
+        let mut done: HashMap<String, Vec<FileStamp>> = HashMap::new();
+        let mut discarded = HashSet::new();
+        for line in lines {
+            match serde_json::from_slice(line) {
+                Ok(Line::Done { step, files }) => drop(done.insert(step, files)),
+                Ok(Line::Discarded { names }) => discarded.extend(names),
+                Err(_) => remark("a line of the journal cannot be read".into()),
+            }
+        }
+        Ok(Journal { identity, whole, done, discarded })
+    }
+}
+
+/// Whether others may work in the folder at the same time.
+enum Lock {
+    Alone,
+    Shared,
+}
+
 /// Held as long as the file is open; the system lets go of it when the process ends, however it
 /// does.
-fn lock(folder: &Path) -> Result<File, BuildError> {
+fn lock(folder: &Path, kind: Lock) -> Result<File, BuildError> {
     let path = folder.join(LOCK);
     let file = File::create(&path).map_err(BuildError::io(&path, "create"))?;
-    match file.try_lock() {
+    let locked = match kind {
+        Lock::Alone => file.try_lock(),
+        Lock::Shared => file.try_lock_shared(),
+    };
+    match locked {
         Ok(()) => Ok(file),
         Err(TryLockError::WouldBlock) => Err(BuildError::Usage(format!(
-            "{}: another build works in this folder; give --work-dir another",
+            "{}: another build works in this folder; wait for it, or give --work-dir another",
             folder.display()
         ))),
         Err(TryLockError::Error(error)) => Err(BuildError::io(&path, "lock")(error)),
