@@ -160,7 +160,8 @@ fn build_leaf(leaf: Leaf, setting: &Setting<'_>) -> Result<(BuiltNode, Piece), N
     let representation = representation(kind, Errors::NONE, &leaf.mesh, &page);
     let (lo, hi) = leaf.mesh.bounds().expect("a leaf is never empty");
     let cone = ConeBuilder::of_mesh(&leaf.mesh);
-    let record = record(leaf.cell, setting, [lo, hi], cone.finish(), vec![representation]);
+    let record =
+        record(leaf.cell, setting.closed_oriented, [lo, hi], cone.finish(), vec![representation]);
     let source = Source { mesh: leaf.mesh, ..Source::default() };
     let piece = Piece { source, is_leaf: true, cone, bounds: [lo, hi] };
     Ok((BuiltNode { record, pages: vec![page] }, piece))
@@ -190,7 +191,7 @@ pub(crate) fn build_inner(
     close_seams(&mut source, width, limit, &cube);
     fill_gathered(&mut source, limit, &cube);
     let budget = budget(cell, setting, &source);
-    let Both { appearance, geometric } = simplify(&source, &budget);
+    let Both { appearance, geometric, is_opened } = simplify(&source, &budget);
     drop(source);
 
     let mut summary: Option<(ConeBuilder, [[i32; 3]; 2])> = None;
@@ -210,7 +211,8 @@ pub(crate) fn build_inner(
     let geometric = of_kind(RepresentationKind::Geometric, geometric)?;
     let (cone, bounds) = summary.expect("an inner node has children");
     let representations = vec![appearance.1, geometric.1];
-    let record = record(cell, setting, bounds, cone.finish(), representations);
+    let is_closed = setting.closed_oriented && !is_opened;
+    let record = record(cell, is_closed, bounds, cone.finish(), representations);
     // The appearance is what levels above are made of.
     let piece = Piece { source: appearance.0, is_leaf: false, cone, bounds };
     Ok((BuiltNode { record, pages: vec![appearance.2, geometric.2] }, piece))
@@ -251,6 +253,7 @@ fn budget(cell: CellKey, setting: &Setting<'_>, source: &Source) -> Budget {
         grid_shift: grid_shift.min(lattice.depth_max - cell.depth()),
         cell_min: lattice.cell_min(cell),
         cell_units,
+        is_closed: setting.closed_oriented,
     }
 }
 
@@ -348,7 +351,7 @@ fn representation(
 
 fn record(
     cell: CellKey,
-    setting: &Setting<'_>,
+    closed_oriented: bool,
     bounds: [[i32; 3]; 2],
     cone: NormalCone,
     representations: Vec<Representation>,
@@ -357,7 +360,7 @@ fn record(
     NodeRecord {
         cell,
         child_mask: 0,
-        flags: NodeFlags { closed_oriented: setting.closed_oriented },
+        flags: NodeFlags { closed_oriented },
         bounds,
         cone,
         representations,

@@ -2,6 +2,7 @@
 
 mod build;
 mod documents;
+mod dust;
 mod pictures;
 mod programs;
 mod restart;

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! source ─ prepare ─▶ welded, sub-resolution normals smoothed
+//!   │ dust         components below the budget are thinned out
 //!   │ collapse     quadrics propose, heeding normals       ┐
 //!   │ emit         rounded to the node's grid              │ again for what fails,
 //!   │ certify      distance and normals, both ways         │ with less freedom
@@ -15,6 +16,7 @@
 
 mod chains;
 mod collapse;
+mod dust;
 mod emit;
 mod prepare;
 mod quadric;
@@ -28,7 +30,8 @@ use crate::certificate::{Ask, Carried, Certificate, Deviation, NONE, Pair, Surfa
 use crate::tears::fill_simplified;
 use chains::{Shading, simplify_chains};
 use collapse::{AttributeLimits, Collapser, Limits, Pin, Vertex};
-use emit::{Emitted, add_speck, emit, surface_of};
+use dust::{Dust, Speck};
+use emit::{Emitted, emit, surface_of};
 use prepare::{Prepared, prepare};
 
 /// What a node may lose. Lengths in lattice steps.
@@ -46,6 +49,8 @@ pub(crate) struct Budget {
     pub(crate) cell_min: [i32; 3],
     /// Edge of the cell.
     pub(crate) cell_units: u32,
+    /// Whether the surface bounds a volume.
+    pub(crate) is_closed: bool,
 }
 
 impl Budget {
@@ -126,6 +131,8 @@ pub(crate) struct Simplified {
 pub(crate) struct Both {
     pub(crate) appearance: Simplified,
     pub(crate) geometric: Simplified,
+    /// Whether components that bounded a volume became single triangles.
+    pub(crate) is_opened: bool,
 }
 
 /// Root mean square distance at which quadrics stop, as a share of the budget.
@@ -157,7 +164,9 @@ fn run<const K: usize>(source: &Source, budget: &Budget) -> Both {
             vertex.allowance = vertex.allowance.min(allowance);
         }
     }
-    let mut collapser = Collapser::new(&vertices, &prepared.surface.triangles);
+    let dust = Dust::of(&prepared, source, budget);
+    let larger = dust.larger(&prepared.surface.triangles);
+    let mut collapser = Collapser::new(&vertices, &larger);
 
     let tolerance = (budget.normal_noise * prepared.normal_noise).max(NORMAL_STEP);
     let attributes = AttributeLimits {
@@ -179,21 +188,29 @@ fn run<const K: usize>(source: &Source, budget: &Budget) -> Both {
             |p: &[i32; 3]| chains.pin_of.get(p).map_or(NONE, |pins| pins[usize::from(geometric)]);
         prepared.positions.iter().map(pin).collect()
     };
-    let step =
-        Step { source, prepared: &prepared, neighbours: &neighbours, centre, budget, tolerance };
+    let step = Step {
+        source,
+        prepared: &prepared,
+        dust: &dust,
+        neighbours: &neighbours,
+        centre,
+        budget,
+        tolerance,
+    };
     collapser.pin(pins.clone(), pin_of(false));
     let appearance = refine(&mut collapser, &limits, &step);
     let limits = Limits { attributes: None, ..limits };
     collapser.pin(pins, pin_of(true));
     collapser.relax(&limits);
     let geometric = refine(&mut collapser, &limits, &step);
-    Both { appearance, geometric }
+    Both { appearance, geometric, is_opened: dust.opens() }
 }
 
 /// What both representations of a node are made from and compared with.
 struct Step<'a> {
     source: &'a Source,
     prepared: &'a Prepared,
+    dust: &'a Dust,
     neighbours: &'a [[u32; 3]],
     /// Of the cell, in lattice steps.
     centre: DVec3,
@@ -253,14 +270,18 @@ fn refine<const K: usize>(
 ) -> Simplified {
     let Step { prepared, budget, centre, .. } = *step;
     collapser.run(limits, |_| true);
+    let mut dust = step.dust.clone();
     // Triangles of the source that rounding would lose.
     let mut specks: Vec<u32> = Vec::new();
     let mut earlier: Option<(Certificate, Surface)> = None;
     for round in 0.. {
         let Emitted { mut mesh, became } = emit(collapser, prepared, centre, budget);
-        specks.iter().for_each(|&t| add_speck(&mut mesh, prepared, t, budget));
+        for &t in &specks {
+            Speck::of_triangle(prepared, t).add_to(&mut mesh, budget, false);
+        }
         let cube = Cube { min: budget.cell_min, units: budget.cell_units };
         fill_simplified(&mut mesh, TEAR_SHARE * budget.whole, &cube);
+        dust.add_to(&mut mesh, prepared, budget);
         if mesh.triangles.is_empty() {
             // Rounding left nothing.
             specks = (0..prepared.surface.triangles.len() as u32).collect();
@@ -284,10 +305,11 @@ fn refine<const K: usize>(
         };
         let certificate = certify(&pair, ask, known);
         if certificate.holds() {
-            return finish(mesh, &certificate, prepared, step.source, step.tolerance);
+            return finish(mesh, &certificate, step, &dust);
         }
+        dust.take_back(&certificate.lost);
         if round >= SPECK_ROUND {
-            specks.extend(&certificate.lost);
+            specks.extend(certificate.lost.iter().filter(|&&t| !dust.is_dust(t)));
             specks.sort_unstable();
             specks.dedup();
         }
@@ -342,13 +364,8 @@ const TOLERANCE: f64 = 0.5;
 const NEAR: f64 = 0.8;
 
 /// What the step did, added to what the source already carried.
-fn finish(
-    mesh: Mesh,
-    certificate: &Certificate,
-    prepared: &Prepared,
-    source: &Source,
-    tolerance: f32,
-) -> Simplified {
+fn finish(mesh: Mesh, certificate: &Certificate, step: &Step<'_>, dust: &Dust) -> Simplified {
+    let Step { prepared, source, tolerance, .. } = *step;
     let carried = certificate.carried(&source.carried);
     let both = |c: &Carried| c.forward.max(c.backward);
     let worst = carried.iter().map(both).fold(Deviation::default(), Deviation::max);
@@ -360,7 +377,7 @@ fn finish(
         distance: worst.distance,
         normal_deviation: [worst.angle, p99 as f32, p90 as f32],
         smoothing: source.smoothing + prepared.smoothed,
-        visual: visual(certificate, prepared, tolerance),
+        visual: visual(certificate, prepared, dust, tolerance),
         carried,
         mesh,
     }
@@ -371,16 +388,23 @@ fn finish(
 ///
 /// The closest point's normal differs by some angle from the source's; at the rate at which
 /// normals change on the simplified triangle, the right one is found angle ÷ rate further.
-/// Differences below `tolerance` (radians) are noise.
-fn visual(certificate: &Certificate, prepared: &Prepared, tolerance: f32) -> f64 {
+/// Differences below `tolerance` (radians) are noise. Of components smaller than the node's error no
+/// shading can be told, only where they are.
+fn visual(certificate: &Certificate, prepared: &Prepared, dust: &Dust, tolerance: f32) -> f64 {
     let distances = certificate.forward.iter().enumerate().filter_map(|(t, bound)| {
         let bound = bound.as_ref()?;
         let walk = |difference: f32, tolerance: f32, slope: f32| {
             let rest = difference - tolerance;
             if rest <= 0.0 { 0.0 } else { f64::from(rest / slope.max(f32::MIN_POSITIVE)) }
         };
-        let normal = walk(bound.deviation.angle, tolerance, bound.normal_slope);
-        let colour = walk(bound.colour, COLOUR_STEP, bound.colour_slope);
+        let (normal, colour) = if dust.is_dust(t as u32) {
+            (0.0, 0.0)
+        } else {
+            (
+                walk(bound.deviation.angle, tolerance, bound.normal_slope),
+                walk(bound.colour, COLOUR_STEP, bound.colour_slope),
+            )
+        };
         let all = [bound.deviation.distance, normal, colour].map(|d| d * d).iter().sum::<f64>();
         let [a, b, c] = prepared.surface.corners(t as u32);
         Some((all.sqrt(), (b - a).cross(c - a).length()))

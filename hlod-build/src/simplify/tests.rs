@@ -14,6 +14,7 @@ fn budget(distance: f64) -> Budget {
         grid_shift: 2,
         cell_min: [0; 3],
         cell_units: CELL,
+        is_closed: true,
     }
 }
 
@@ -252,4 +253,53 @@ fn colours_are_kept_where_shape_needs_no_triangles() {
     assert!(both.geometric.mesh.triangles.len() <= 12);
     let colours = &both.appearance.mesh.colours;
     assert!(colours.iter().any(|c| c[0] > 200) && colours.iter().any(|c| c[0] < 50));
+}
+
+/// Dust beside larger surface vanishes; apart from it, it becomes triangles with a back where little
+/// of it is, single ones where there is nothing else; what touches a face of the cell stays.
+#[test]
+fn dust_vanishes_or_becomes_single_triangles() {
+    let tetrahedron = |mesh: &mut Mesh, at: [i32; 3]| {
+        let first = mesh.positions.len() as u32;
+        for corner in [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]] {
+            mesh.positions.push(std::array::from_fn(|i| at[i] + 30 * corner[i]));
+            mesh.normals.push(OctNormal::encode(corner.map(|c| c as f32)));
+        }
+        let corners = [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]];
+        mesh.triangles.extend(corners.map(|t| t.map(|c: u32| first + c)));
+    };
+    let count_at = |mesh: &Mesh, at: [i32; 3]| {
+        let is_near =
+            |v: &u32| (0..3).all(|i| mesh.positions[*v as usize][i].abs_diff(at[i]) < 400);
+        mesh.triangles.iter().filter(|t| t.iter().all(is_near)).count()
+    };
+    let (beside, apart, on_face) = ([32_768 + 20_060, 32_768, 32_768], [3000; 3], [30, 30_000, 9]);
+    let mut mesh = ball(60);
+    [beside, apart, on_face].into_iter().for_each(|at| tetrahedron(&mut mesh, at));
+    let both = simplify(&source(mesh), &budget(256.0));
+    assert!(!both.is_opened);
+    for simplified in [&both.appearance, &both.geometric] {
+        // A triangle and its back have vertices of their own, because their normals differ.
+        let mut welded = simplified.mesh.clone();
+        let first_at: std::collections::HashMap<[i32; 3], u32> =
+            welded.positions.iter().zip(0..).map(|(p, v)| (*p, v)).collect();
+        for t in &mut welded.triangles {
+            *t = t.map(|v| first_at[&welded.positions[v as usize]]);
+        }
+        assert_eq!(topology(&welded).0, 0, "open edges");
+        assert_eq!(count_at(&simplified.mesh, apart), 2);
+        assert_eq!(count_at(&simplified.mesh, on_face), 4);
+        assert!(simplified.distance <= 256.0);
+    }
+    let without = simplify(&source(ball(60)), &budget(256.0));
+    let difference = both.geometric.mesh.triangles.len() - without.geometric.mesh.triangles.len();
+    assert_eq!(difference, 6, "what lies beside the ball is gone");
+
+    // Two within reach of one another become one, a third does not.
+    let mut mesh = Mesh::default();
+    [[3000; 3], [3100; 3], [9000; 3]].into_iter().for_each(|at| tetrahedron(&mut mesh, at));
+    let both = simplify(&source(mesh), &budget(256.0));
+    assert!(both.is_opened);
+    assert_eq!(both.appearance.mesh.triangles.len(), 2);
+    assert_eq!(both.geometric.mesh.triangles.len(), 2);
 }

@@ -7,8 +7,14 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 
-/// Searches by shells of grid cells go no farther.
-const SHELLS_MAX: i32 = 24;
+/// Searches by shells of grid cells go no farther before they go on in a coarser grid.
+const SHELLS_MAX: i32 = 8;
+
+/// The same for shells in which nothing was found.
+const EMPTY_SHELLS_MAX: i32 = 2;
+
+/// A coarser grid's cells are so many times larger.
+const COARSER: f64 = 4.0;
 
 /// Triangles to which distances can be asked for.
 pub(crate) struct Target {
@@ -16,7 +22,13 @@ pub(crate) struct Target {
     /// Their bounds.
     boxes: Vec<(DVec3, DVec3)>,
     low: DVec3,
-    /// Edge of a grid cell.
+    /// From cells of a triangle's size to a handful of cells.
+    grids: Vec<Grid>,
+}
+
+/// Which triangles lie in which cubes.
+struct Grid {
+    /// Edge of a cell.
     size: f64,
     /// Cells along the longest extent: no search goes farther beyond the grid than to reach it.
     cells: i64,
@@ -29,9 +41,9 @@ impl Target {
     pub(crate) fn new(corners: impl Iterator<Item = [[f64; 3]; 3]>) -> Target {
         let triangles: Vec<[DVec3; 3]> = corners.map(|t| t.map(DVec3::from_array)).collect();
         let bounds = |t: &[DVec3; 3]| (t[0].min(t[1]).min(t[2]), t[0].max(t[1]).max(t[2]));
+        let boxes: Vec<(DVec3, DVec3)> = triangles.iter().map(bounds).collect();
         let (mut low, mut high, mut sum) = (DVec3::INFINITY, DVec3::NEG_INFINITY, 0.0);
-        for triangle in &triangles {
-            let (lo, hi) = bounds(triangle);
+        for &(lo, hi) in &boxes {
             low = low.min(lo);
             high = high.max(hi);
             sum += (hi - lo).max_element();
@@ -42,29 +54,14 @@ impl Target {
         let extent = (high - low).max_element();
         // About a triangle's size, and never so small that a cell's number overflows.
         let mean = sum / triangles.len().max(1) as f64;
-        let size = mean.max(extent / 1e6).max(f64::MIN_POSITIVE);
-
-        let mut pairs: Vec<([i32; 3], u32)> = Vec::new();
-        for (i, triangle) in triangles.iter().enumerate() {
-            let (lo, hi) = bounds(triangle);
-            let (a, b) = (cell(lo, low, size), cell(hi, low, size));
-            for x in a[0]..=b[0] {
-                for y in a[1]..=b[1] {
-                    pairs.extend((a[2]..=b[2]).map(|z| ([x, y, z], i as u32)));
-                }
-            }
+        let mut size = mean.max(extent / 1e6).max(f64::MIN_POSITIVE);
+        let mut grids = vec![Grid::new(&boxes, low, extent, size)];
+        // Scattered pieces are many cells apart.
+        while extent > f64::from(SHELLS_MAX) * size {
+            size *= COARSER;
+            grids.push(Grid::new(&boxes, low, extent, size));
         }
-        pairs.sort_unstable();
-        let mut ranges = HashMap::new();
-        let mut start = 0;
-        for group in pairs.chunk_by(|a, b| a.0 == b.0) {
-            let end = start + group.len() as u32;
-            ranges.insert(group[0].0, (start, end));
-            start = end;
-        }
-        let entries = pairs.into_iter().map(|(_, triangle)| triangle).collect();
-        let boxes = triangles.iter().map(bounds).collect();
-        Target { triangles, boxes, low, size, cells: (extent / size) as i64 + 2, ranges, entries }
+        Target { triangles, boxes, low, grids }
     }
 
     /// Distance to the nearest triangle; infinite where there is none.
@@ -78,24 +75,28 @@ impl Target {
             return (f64::INFINITY, 0);
         }
         let p = DVec3::from_array(p);
-        let centre = cell(p, self.low, self.size);
-        // From far outside, shells begin where the grid does.
-        let outside = centre.iter().map(|&c| (-i64::from(c)).max(i64::from(c) - self.cells)).max();
         let mut best = (f64::INFINITY, 0);
-        for radius in outside.unwrap_or(0).max(0).min(i64::from(SHELLS_MAX)) as i32.. {
-            if radius >= SHELLS_MAX {
-                // Shells grow with the square of their radius: from here on every triangle is
-                // tried instead.
-                (0..self.triangles.len()).for_each(|t| self.try_triangle(p, t, &mut best));
-                break;
-            }
-            self.shell(p, centre, radius, &mut best);
-            // What lies beyond this shell is at least so far away.
-            let beyond = f64::from(radius) * self.size;
-            if best.0 <= beyond * beyond {
-                break;
+        for grid in &self.grids {
+            let centre = cell(p, self.low, grid.size);
+            // From far outside, shells begin where the grid does.
+            let outside =
+                centre.iter().map(|&c| (-i64::from(c)).max(i64::from(c) - grid.cells)).max();
+            let first = outside.unwrap_or(0).max(0).min(i64::from(SHELLS_MAX)) as i32;
+            for radius in first..SHELLS_MAX {
+                self.shell(grid, p, centre, radius, &mut best);
+                // What lies beyond this shell is at least so far away.
+                let beyond = f64::from(radius) * grid.size;
+                if best.0 <= beyond * beyond {
+                    return (best.0.sqrt(), best.1);
+                }
+                // Shells grow with the square of their radius: through empty space in large steps.
+                if best.0 == f64::INFINITY && radius - first >= EMPTY_SHELLS_MAX {
+                    break;
+                }
             }
         }
+        // From far away.
+        (0..self.triangles.len()).for_each(|t| self.try_triangle(p, t, &mut best));
         (best.0.sqrt(), best.1)
     }
 
@@ -103,13 +104,15 @@ impl Target {
     /// times, until it answers that it has seen enough.
     pub(super) fn within(&self, p: [f64; 3], radius: f64, mut visit: impl FnMut(usize) -> bool) {
         let p = DVec3::from_array(p);
-        let (a, b) = (cell(p - radius, self.low, self.size), cell(p + radius, self.low, self.size));
-        let clamp = |c: i32| i64::from(c).clamp(-1, self.cells) as i32;
+        // The finest grid in which the search is a few cells wide.
+        let is_coarse = |grid: &&Grid| radius <= 4.0 * grid.size;
+        let Some(grid) = self.grids.iter().find(is_coarse).or(self.grids.last()) else { return };
+        let (a, b) = (cell(p - radius, self.low, grid.size), cell(p + radius, self.low, grid.size));
+        let clamp = |c: i32| i64::from(c).clamp(-1, grid.cells) as i32;
         for x in clamp(a[0])..=clamp(b[0]) {
             for y in clamp(a[1])..=clamp(b[1]) {
                 for z in clamp(a[2])..=clamp(b[2]) {
-                    let Some(&(start, end)) = self.ranges.get(&[x, y, z]) else { continue };
-                    for &t in &self.entries[start as usize..end as usize] {
+                    for &t in grid.at([x, y, z]) {
                         let near = distance2(p, &self.triangles[t as usize]) <= radius * radius;
                         if near && visit(t as usize) {
                             return;
@@ -121,18 +124,24 @@ impl Target {
     }
 
     /// Improves `best` by the triangles of all cells at Chebyshev distance `radius`.
-    fn shell(&self, p: DVec3, [cx, cy, cz]: [i32; 3], radius: i32, best: &mut (f64, usize)) {
+    fn shell(
+        &self,
+        grid: &Grid,
+        p: DVec3,
+        [cx, cy, cz]: [i32; 3],
+        radius: i32,
+        best: &mut (f64, usize),
+    ) {
         for x in cx - radius..=cx + radius {
             for y in cy - radius..=cy + radius {
                 let rim = (x - cx).abs() == radius || (y - cy).abs() == radius;
                 let step = if rim { 1 } else { (2 * radius).max(1) };
                 for z in (cz - radius..=cz + radius).step_by(step as usize) {
-                    let low = self.low + DVec3::new(x.into(), y.into(), z.into()) * self.size;
-                    if box_distance2(p, low, low + self.size) >= best.0 {
+                    let low = self.low + DVec3::new(x.into(), y.into(), z.into()) * grid.size;
+                    if box_distance2(p, low, low + grid.size) >= best.0 {
                         continue;
                     }
-                    let Some(&(start, end)) = self.ranges.get(&[x, y, z]) else { continue };
-                    for &triangle in &self.entries[start as usize..end as usize] {
+                    for &triangle in grid.at([x, y, z]) {
                         self.try_triangle(p, triangle as usize, best);
                     }
                 }
@@ -148,6 +157,35 @@ impl Target {
                 *best = (distance2, triangle);
             }
         }
+    }
+}
+
+impl Grid {
+    fn new(boxes: &[(DVec3, DVec3)], origin: DVec3, extent: f64, size: f64) -> Grid {
+        let mut pairs: Vec<([i32; 3], u32)> = Vec::new();
+        for (i, &(lo, hi)) in boxes.iter().enumerate() {
+            let (a, b) = (cell(lo, origin, size), cell(hi, origin, size));
+            for x in a[0]..=b[0] {
+                for y in a[1]..=b[1] {
+                    pairs.extend((a[2]..=b[2]).map(|z| ([x, y, z], i as u32)));
+                }
+            }
+        }
+        pairs.sort_unstable();
+        let mut ranges = HashMap::new();
+        let mut start = 0;
+        for group in pairs.chunk_by(|a, b| a.0 == b.0) {
+            let end = start + group.len() as u32;
+            ranges.insert(group[0].0, (start, end));
+            start = end;
+        }
+        let entries = pairs.into_iter().map(|(_, triangle)| triangle).collect();
+        Grid { size, cells: (extent / size) as i64 + 2, ranges, entries }
+    }
+
+    fn at(&self, cell: [i32; 3]) -> &[u32] {
+        let range = self.ranges.get(&cell);
+        range.map_or(&[], |&(start, end)| &self.entries[start as usize..end as usize])
     }
 }
 
