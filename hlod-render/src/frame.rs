@@ -7,7 +7,7 @@ use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::loader::Part;
 use crate::model::Model;
-use crate::passes::{FrameUniform, Passes, Range, Rectangle, Targets};
+use crate::passes::{Drawn, DrawnPart, FrameUniform, Passes, Range, Rectangle, Targets};
 use crate::scene::{Light, Representation, Shot};
 use crate::select::{Front, Selection, View, select};
 use crate::skeleton::ChildLink;
@@ -86,6 +86,7 @@ impl Renderer {
         targets: &Targets,
     ) {
         let mut ranges = Vec::new();
+        let mut parts = Vec::new();
         let mut uniforms = Vec::new();
         let mut first_identity = 0;
         let mut seen = Seen::nothing(targets);
@@ -112,12 +113,15 @@ impl Renderer {
                             triangles: slot.triangles.clone(),
                             cull_backs,
                         });
+                        let first = first_identity + slot.triangles.start;
+                        parts.push(DrawnPart::new(node, first));
                     }
                 }
                 first_identity += model.arena_size().triangles;
             }
         }
-        self.draw_ranges(gpu, &uniforms, &ranges, seen.rectangle(), shot, targets);
+        let drawn = Drawn { ranges: &ranges, parts: &parts, area: seen.rectangle() };
+        self.passes.encode(gpu, &uniforms, &drawn, shot, targets);
     }
 
     /// Draws given ranges of given arenas, none of which is seen outside `area`; a frame's last step, and all of it for the reference of
@@ -131,7 +135,7 @@ impl Renderer {
         shot: &Shot,
         targets: &Targets,
     ) {
-        self.passes.encode(gpu, uniforms, ranges, area, shot, targets);
+        self.passes.encode(gpu, uniforms, &Drawn { ranges, parts: &[], area }, shot, targets);
     }
 }
 

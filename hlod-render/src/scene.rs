@@ -67,6 +67,32 @@ impl Representation {
     }
 }
 
+/// What pixels are painted with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Paint {
+    /// The surface in its light.
+    #[default]
+    Shaded,
+    /// A colour for each level of detail.
+    Depth,
+    /// Lines where nodes end, and the skirts that close the seams between them.
+    Borders,
+}
+
+impl Paint {
+    /// All of them.
+    pub const ALL: [Paint; 3] = [Paint::Shaded, Paint::Depth, Paint::Borders];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Paint::Shaded => "shaded",
+            Paint::Depth => "depth",
+            Paint::Borders => "borders",
+        }
+    }
+}
+
 /// Everything one picture depends on besides the models.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shot {
@@ -80,6 +106,8 @@ pub struct Shot {
     pub background: Vec3,
     /// Which hierarchy.
     pub representation: Representation,
+    /// What pixels are painted with.
+    pub paint: Paint,
     /// τ in pixels.
     pub error_threshold_px: f64,
     /// Draws backs even where they can never be seen, so that cracks show (audits).

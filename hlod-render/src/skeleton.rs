@@ -15,6 +15,8 @@ pub struct Node {
     /// How far the lines in which it ends on its cell's faces may be from the scan's, in the source's
     /// unit, whatever its representation.
     pub border_error: f64,
+    /// Lowest and highest corner of its cell.
+    pub cell_box: [DVec3; 2],
     /// Lowest corner of its geometry.
     pub min: DVec3,
     /// Highest corner.
@@ -114,8 +116,11 @@ impl Skeleton {
             Children::None => self.lattice.step,
             _ => self.lattice.cell_edge(record.cell.depth()) / f64::from(self.resolution.max(1)),
         };
+        let low = self.lattice.cell_min(record.cell);
+        let units = self.lattice.cell_units(record.cell.depth()) as i32;
         Node {
             cell: record.cell,
+            cell_box: [place(low), place(low.map(|c| c + units))],
             depth: record.cell.depth(),
             border_error,
             min: place(record.bounds[0]),

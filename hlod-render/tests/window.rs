@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
 use hlod_render::path::CameraPath;
 use hlod_render::picture::{Picture, take};
-use hlod_render::scene::{BACKGROUND, Material, Representation, Shot, light_from_angles};
+use hlod_render::scene::{BACKGROUND, Material, Paint, Representation, Shot, light_from_angles};
 use hlod_render::{AdapterChoice, Gpu, Model, ModelLimits};
 
 const WIDTH: u32 = 800;
@@ -159,6 +159,7 @@ fn offscreen(file: &Path) -> Picture {
         material: Material::default(),
         background: BACKGROUND,
         representation: Representation::Hybrid,
+        paint: Paint::Shaded,
         error_threshold_px: 0.5,
         draw_backs: false,
         backs_magenta: false,

@@ -42,11 +42,17 @@ pub const SHADE: Pass = Pass {
     source: concat!(include_str!("shared.wgsl"), include_str!("shade.wgsl")),
 };
 
+/// Levels of detail or borders of nodes instead of shading.
+pub const EXPLAIN: Pass = Pass {
+    name: "explain",
+    source: concat!(include_str!("shared.wgsl"), include_str!("explain.wgsl")),
+};
+
 /// The viewer's panel. Stands alone.
 pub const PANEL: Pass = Pass { name: "panel", source: include_str!("panel.wgsl") };
 
 /// Every pass.
-pub const ALL: [Pass; 6] = [SURFACE, SMALL, LARGE, RESOLVE, SHADE, PANEL];
+pub const ALL: [Pass; 7] = [SURFACE, SMALL, LARGE, RESOLVE, SHADE, EXPLAIN, PANEL];
 
 #[cfg(test)]
 mod tests {

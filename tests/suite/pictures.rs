@@ -4,7 +4,9 @@ use glam::DVec3;
 use hlod_render::audit::{AuditOptions, audit};
 use hlod_render::framing::{FOV_Y_DEG, Framing};
 use hlod_render::picture::{Canvas, PICTURE_FORMAT, take};
-use hlod_render::scene::{BACKGROUND, Light, Material, Representation, Shot, light_from_angles};
+use hlod_render::scene::{
+    BACKGROUND, Light, Material, Paint, Representation, Shot, light_from_angles,
+};
 use hlod_render::{Gpu, Model, ModelLimits, frame::Renderer};
 use hlod_tests::{built, bumpy_ball, gpu, scan};
 
@@ -34,6 +36,7 @@ fn shot(framing: &Framing, representation: Representation) -> Shot {
         material: Material::default(),
         background: BACKGROUND,
         representation,
+        paint: Paint::Shaded,
         error_threshold_px: 0.5,
         draw_backs: false,
         backs_magenta: false,
@@ -223,6 +226,54 @@ fn seams_are_closed_while_nodes_arrive() {
         let holes = inside.iter().filter(|&&p| !covered[p]).count();
         assert_eq!(holes, 0, "in frame {frame}");
     }
+}
+
+/// Colours follow the depths that are drawn, and lines the faces of cells.
+#[test]
+fn pictures_explain_levels_and_borders() {
+    let folder = tempfile::tempdir().unwrap();
+    let [_, hlod] = coarse_ball(folder.path(), 24);
+    let gpu = gpu();
+    let mut models = [Model::open(&gpu, &hlod, ModelLimits::default()).unwrap()];
+    let framing = Framing::of(&models[0]);
+    let (size, plain) = (200, shot(&framing, Representation::Hybrid));
+    let mut painted = |paint, error_threshold_px| {
+        let shot = Shot { paint, error_threshold_px, ..plain };
+        let (picture, stats) = take(&gpu, &mut models, &shot, size, size, 1).unwrap();
+        (picture, stats.nodes)
+    };
+    // Hue alone: brightness says how the surface lies.
+    let hues = |picture: &hlod_render::picture::Picture| {
+        let mut hues: Vec<[u8; 3]> = Vec::new();
+        for pixel in picture.rgba.chunks_exact(4) {
+            let most = pixel[..3].iter().copied().max().unwrap();
+            if most > 100 {
+                hues.push([0, 1, 2].map(|i| (u32::from(pixel[i]) * 8 / u32::from(most)) as u8));
+            }
+        }
+        hues.sort_unstable();
+        let counted: Vec<usize> = hues.chunk_by(|a, b| a == b).map(<[_]>::len).collect();
+        counted.into_iter().filter(|&count| count > 400).count()
+    };
+    let black = |picture: &hlod_render::picture::Picture| {
+        picture.rgba.chunks_exact(4).filter(|p| p[..3] == [0, 0, 0]).count()
+    };
+    // So coarse that the root will do: one colour, and no lines but those of skirts, of which a
+    // closed root has none.
+    let (depth, nodes) = painted(Paint::Depth, 100.0);
+    assert_eq!((nodes, hues(&depth)), (1, 1));
+    assert_eq!(black(&painted(Paint::Borders, 100.0).0), 0);
+    // Of a mixed front the depths can be told apart, and the cells' faces are seen as lines.
+    let (depth, nodes) = painted(Paint::Depth, 0.5);
+    assert!(nodes > 8);
+    assert!((1..=4).contains(&hues(&depth)), "{}", hues(&depth));
+    let lines = black(&painted(Paint::Borders, 0.5).0);
+    assert!((200..8000).contains(&lines), "{lines}");
+    // The finest level has a colour of its own.
+    let shown = |picture: &hlod_render::picture::Picture| {
+        picture.rgba[4 * (100 * 200 + 60)..][..3].to_vec()
+    };
+    assert_ne!(shown(&painted(Paint::Depth, 100.0).0), shown(&painted(Paint::Depth, 0.1).0));
 }
 
 #[test]

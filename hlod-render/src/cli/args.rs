@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use hlod_render::camera::Camera;
 use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
-use hlod_render::scene::{Light, Representation};
+use hlod_render::scene::{Light, Paint, Representation};
 use hlod_render::{AdapterChoice, Gpu, ModelLimits, RenderError};
 
 /// Show .hlod files, measure how fast and check how truthfully.
@@ -88,6 +88,23 @@ pub struct DrawArgs {
     /// eye, positive from the right and from above; or RIGHT,UP,FRONT of a lamp (not for audits).
     #[arg(long, value_name = "LIGHT", default_value = "-45,40", value_parser = numbers::<2, 3>, allow_hyphen_values = true)]
     pub light: Numbers,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum PaintArg {
+    Shaded,
+    Depth,
+    Borders,
+}
+
+impl PaintArg {
+    pub fn paint(self) -> Paint {
+        match self {
+            PaintArg::Shaded => Paint::Shaded,
+            PaintArg::Depth => Paint::Depth,
+            PaintArg::Borders => Paint::Borders,
+        }
+    }
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -177,6 +194,10 @@ pub struct ShotArgs {
     pub camera: String,
     #[command(flatten)]
     pub draw: DrawArgs,
+    /// What pixels are painted with: the surface in its light, the depth of the level of detail
+    /// that is seen, or lines where nodes end with the skirts between them.
+    #[arg(long, value_enum, default_value = "shaded")]
+    pub paint: PaintArg,
     /// Average N × N samples a pixel, for smooth edges.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub supersampling: u32,

@@ -16,7 +16,7 @@ use hlod_render::camera::Camera;
 use hlod_render::framing::{FOV_Y_DEG, Framing};
 use hlod_render::path::CameraPath;
 use hlod_render::picture::take;
-use hlod_render::scene::{BACKGROUND, Material, Shot};
+use hlod_render::scene::{BACKGROUND, Material, Paint, Shot};
 use hlod_render::{Model, ModelLimits};
 
 use args::{AuditArgs, BenchArgs, Cli, Command, DrawArgs, JsonArgs, ShotArgs};
@@ -60,7 +60,8 @@ fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
     let (width, height) = args.draw.size;
     let aspect = f64::from(width) / f64::from(height);
     let camera = args::camera(&args.camera, &framing, aspect).map_err(Failure::Usage)?;
-    let shot = shot(&args.draw, camera, &framing)?;
+    let mut shot = shot(&args.draw, camera, &framing)?;
+    shot.paint = args.paint.paint();
     let (picture, stats) = take(&gpu, &mut models, &shot, width, height, args.supersampling)?;
     let problems = models[0].take_problems();
     picture.save(&args.output)?;
@@ -124,6 +125,7 @@ fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Fail
         material: Material::default(),
         background: BACKGROUND,
         representation: draw.precision.representation.validated().map_err(Failure::Usage)?,
+        paint: Paint::Shaded,
         error_threshold_px: draw.precision.tau,
         draw_backs: false,
         backs_magenta: false,

@@ -1,5 +1,6 @@
 //! The GPU passes: the surface (identity and depth), in compute where triangles are small, then shade.
 
+mod explain;
 mod small;
 
 use bytemuck::{Pod, Zeroable};
@@ -7,7 +8,9 @@ use glam::{Mat4, Vec4};
 
 use crate::arena::Arena;
 use crate::gpu::Gpu;
-use crate::scene::Shot;
+use crate::scene::{Paint, Shot};
+pub(crate) use explain::DrawnPart;
+use explain::Explain;
 use small::SmallTriangles;
 
 /// What shaders know of a frame, once for each arena; see `Frame` in `shared.wgsl`.
@@ -44,6 +47,15 @@ pub struct Range {
     pub triangles: std::ops::Range<u32>,
     /// Whether backs can be left to the rasteriser to drop.
     pub cull_backs: bool,
+}
+
+/// What a frame draws.
+pub(crate) struct Drawn<'a> {
+    pub(crate) ranges: &'a [Range],
+    /// The nodes that they are of, where pictures are to explain them.
+    pub(crate) parts: &'a [DrawnPart],
+    /// Nothing is seen outside.
+    pub(crate) area: Rectangle,
 }
 
 /// A part of a picture, in pixels from its upper left corner.
@@ -119,6 +131,7 @@ pub(crate) struct Passes {
     surface_culled: wgpu::RenderPipeline,
     surface_two_sided: wgpu::RenderPipeline,
     shade: wgpu::RenderPipeline,
+    explain: Explain,
     small: Option<SmallTriangles>,
     geometry_layout: wgpu::BindGroupLayout,
     identity_layout: wgpu::BindGroupLayout,
@@ -235,6 +248,7 @@ impl Passes {
         Passes {
             surface_culled: surface(Some(wgpu::Face::Back)),
             surface_two_sided: surface(None),
+            explain: Explain::new(gpu, &geometry_layout, output, where_drawn.clone()),
             shade: pipeline(hlod_shaders::SHADE, &shade_layout, None, output, where_drawn),
             uniforms: buffer(gpu, "uniforms", 16 * UNIFORM_STRIDE, wgpu::BufferUsages::UNIFORM),
             indirect: buffer(gpu, "draws", 1024 * 16, wgpu::BufferUsages::INDIRECT),
@@ -250,13 +264,13 @@ impl Passes {
         &mut self,
         gpu: &Gpu,
         uniforms: &[(FrameUniform, &Arena)],
-        ranges: &[Range],
-        area: Rectangle,
+        drawn: &Drawn<'_>,
         shot: &Shot,
         targets: &Targets,
     ) {
         let device = &gpu.device;
-        let mut ranges: Vec<&Range> = ranges.iter().collect();
+        let area = drawn.area;
+        let mut ranges: Vec<&Range> = drawn.ranges.iter().collect();
         ranges.sort_by_key(|r| (r.uniform, r.cull_backs, r.triangles.start));
         let mut small = self.small.as_mut().filter(|small| small.fits(gpu, targets));
         let work = small.as_mut().map(|small| small.prepare(gpu, uniforms.len(), &ranges, targets));
@@ -347,6 +361,8 @@ impl Passes {
                 first += group.len() as u64;
             }
         }
+        let is_explained = shot.paint != Paint::Shaded && !drawn.parts.is_empty();
+        let explained = is_explained.then(|| self.explain.parts(gpu, drawn.parts, &identity_view));
         {
             let [r, g, b] = shot.background.to_array().map(f64::from);
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -370,8 +386,13 @@ impl Passes {
                 })
             });
             pass.set_scissor_rect(area.x, area.y, area.width, area.height);
-            pass.set_pipeline(&self.shade);
-            pass.set_bind_group(1, identities, &[]);
+            match &explained {
+                None => {
+                    pass.set_pipeline(&self.shade);
+                    pass.set_bind_group(1, identities, &[]);
+                }
+                Some(parts) => self.explain.begin(&mut pass, parts, shot.paint),
+            }
             for (i, bind_group) in bind_groups.iter().enumerate() {
                 pass.set_bind_group(0, bind_group, &offset(i));
                 pass.draw(0..3, 0..1);

@@ -7,7 +7,7 @@ use super::light::PRESETS;
 use super::settings::Settings;
 use crate::frame::FrameStats;
 use crate::framing::NAMED_VIEWS;
-use crate::scene::{Material, Representation};
+use crate::scene::{Material, Paint, Representation};
 
 /// Width of the panel in points.
 const WIDTH: f32 = 250.0;
@@ -166,6 +166,12 @@ fn angle(value: &mut f64, most: f64) -> Slider<'_> {
 }
 
 fn looks(ui: &mut Ui, settings: &mut Settings) {
+    ui.horizontal_wrapped(|ui| {
+        for paint in Paint::ALL {
+            ui.selectable_value(&mut settings.paint, paint, paint.name())
+                .on_hover_text("shaded; levels of detail by colour; where nodes end");
+        }
+    });
     let Material { ambient, highlight, .. } = &mut settings.material;
     ui.add(Slider::new(ambient, 0.0..=0.6).max_decimals(2).text("ambient"));
     ui.add(Slider::new(highlight, 0.0..=0.5).max_decimals(2).text("highlight"));

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::light::{LightAngles, UPPER_LEFT};
 use crate::camera::Camera;
-use crate::scene::{BACKGROUND, Material, Representation, Shot};
+use crate::scene::{BACKGROUND, Material, Paint, Representation, Shot};
 
 /// Looks and precision.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,6 +13,8 @@ pub struct Settings {
     pub error_threshold_px: f64,
     /// Which hierarchy.
     pub representation: Representation,
+    /// What pixels are painted with.
+    pub paint: Paint,
     /// Where light comes from.
     pub light: LightAngles,
     /// How surfaces look.
@@ -30,6 +32,7 @@ impl Default for Settings {
         Settings {
             error_threshold_px: 1.0,
             representation: Representation::default(),
+            paint: Paint::default(),
             light: UPPER_LEFT,
             material: Material::default(),
             background: BACKGROUND.to_array(),
@@ -48,6 +51,7 @@ impl Settings {
             material: self.material,
             background: Vec3::from_array(self.background),
             representation: self.representation,
+            paint: self.paint,
             error_threshold_px: self.error_threshold_px * tau_factor,
             draw_backs: false,
             backs_magenta: false,

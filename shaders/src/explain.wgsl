@@ -1,0 +1,119 @@
+// Instead of shading: which level of detail is seen in each pixel, or where nodes end.
+
+struct Part {
+    // The cell, model space, and the number of the node's first triangle among all arenas.
+    low: vec3<f32>,
+    first: u32,
+    high: vec3<f32>,
+    // Depth in the octree.
+    depth: u32,
+}
+
+@group(1) @binding(0) var identities: texture_2d<u32>;
+// In the order of their first triangles.
+@group(1) @binding(1) var<storage, read> parts: array<Part>;
+
+// Pixels from the middle of a border's line to its side.
+const HALF_LINE: f32 = 0.9;
+const LINE: vec3<f32> = vec3(0.0, 0.0, 0.0);
+const SKIRT: vec3<f32> = vec3(1.0, 0.25, 0.0);
+
+@vertex
+fn explain_vertex(@builtin(vertex_index) corner: u32) -> @builtin(position) vec4<f32> {
+    let p = vec2(f32(corner & 1u), f32(corner >> 1u));
+    return vec4(p * 4.0 - 1.0, 0.0, 1.0);
+}
+
+// The last part that begins at or before a triangle.
+fn part_of(triangle: u32) -> Part {
+    var low = 0u;
+    var high = arrayLength(&parts);
+    while high - low > 1u {
+        let middle = (low + high) / 2u;
+        if parts[middle].first <= triangle {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    return parts[low];
+}
+
+// Eight colours that can be told apart, from the root's on, then again (after Okabe & Ito 2008,
+// linear light).
+fn colour_of(depth: u32) -> vec3<f32> {
+    switch depth % 8u {
+        case 0u: { return vec3(0.60, 0.60, 0.60); }
+        case 1u: { return vec3(0.79, 0.35, 0.00); }
+        case 2u: { return vec3(0.09, 0.46, 0.81); }
+        case 3u: { return vec3(0.00, 0.34, 0.17); }
+        case 4u: { return vec3(0.87, 0.77, 0.05); }
+        case 5u: { return vec3(0.00, 0.17, 0.44); }
+        case 6u: { return vec3(0.66, 0.11, 0.00); }
+        default: { return vec3(0.60, 0.19, 0.39); }
+    }
+}
+
+fn pixel_of(corner: vec3<f32>) -> vec2<f32> {
+    let clip = frame.clip_from_model * vec4(corner, 1.0);
+    return (clip.xy / clip.w * vec2(0.5, -0.5) + 0.5) * vec2<f32>(frame.size.xy);
+}
+
+fn distance_to_line(p: vec2<f32>, a: vec2<f32>, b: vec2<f32>) -> f32 {
+    let along = b - a;
+    let t = clamp(dot(p - a, along) / max(dot(along, along), 1e-20), 0.0, 1.0);
+    return distance(p, a + t * along);
+}
+
+@fragment
+fn depth_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
+    return explained(pixel.xy, false);
+}
+
+@fragment
+fn borders_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
+    return explained(pixel.xy, true);
+}
+
+fn explained(pixel: vec2<f32>, borders: bool) -> vec4<f32> {
+    let identity = textureLoad(identities, vec2<i32>(pixel), 0).x;
+    let triangle = (identity & ~BACK) - 1u;
+    let number = triangle - frame.size.z;
+    // Triangles of other arenas are painted by their own draw.
+    if identity == 0u || number >= arrayLength(&indices) / 3u {
+        discard;
+    }
+    let part = part_of(triangle);
+
+    var corner: array<vec3<f32>, 3>;
+    var on_low: array<vec3<bool>, 3>;
+    var on_high: array<vec3<bool>, 3>;
+    var is_skirt = false;
+    let near = 1e-6 * (part.high - part.low);
+    for (var i = 0u; i < 3u; i++) {
+        let index = indices[3u * number + i];
+        is_skirt = is_skirt || (index & MOVED) != 0u;
+        corner[i] = position_of(index);
+        on_low[i] = abs(corner[i] - part.low) <= max(near, abs(part.low) * 1e-6);
+        on_high[i] = abs(corner[i] - part.high) <= max(near, abs(part.high) * 1e-6);
+    }
+    let across = cross(corner[1] - corner[0], corner[2] - corner[0]);
+    let n = normalize((frame.world_from_model * vec4(across, 0.0)).xyz);
+    let middle = (frame.world_from_model * vec4((corner[0] + corner[1] + corner[2]) / 3.0, 1.0)).xyz;
+    let to_eye = normalize(select(frame.eye.xyz, frame.eye.xyz - middle, frame.eye.w > 0.5));
+    let facing = 0.35 + 0.65 * abs(dot(n, to_eye));
+    if !borders {
+        return vec4(colour_of(part.depth) * facing, 1.0);
+    }
+    if is_skirt {
+        return vec4(SKIRT, 1.0);
+    }
+    for (var i = 0u; i < 3u; i++) {
+        let j = (i + 1u) % 3u;
+        let in_face = any(on_low[i] & on_low[j]) || any(on_high[i] & on_high[j]);
+        if in_face && distance_to_line(pixel, pixel_of(corner[i]), pixel_of(corner[j])) < HALF_LINE {
+            return vec4(LINE, 1.0);
+        }
+    }
+    return vec4(mix(vec3(0.7), colour_of(part.depth), 0.25) * facing, 1.0);
+}
