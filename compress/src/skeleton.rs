@@ -87,6 +87,10 @@ pub struct Errors {
     /// The original's normals were smoothed by no more than this, in degrees: detail below the
     /// resolution of the level at which it was lost, and vertices at one place joined.
     pub normal_smoothing_deg: f32,
+    /// On the faces of its cell the surface ends in lines: how far these are, within the faces,
+    /// from the original's sections with them, in the source's unit. As trustworthy as
+    /// `geometric`.
+    pub border: f32,
 }
 
 impl Errors {
@@ -97,9 +101,10 @@ impl Errors {
         visual: 0.0,
         normal_deviation_deg: [0.0; 3],
         normal_smoothing_deg: 0.0,
+        border: 0.0,
     };
 
-    const BYTES: usize = 4 + 1 + 4 + 12 + 4;
+    const BYTES: usize = 4 + 1 + 4 + 12 + 4 + 4;
 }
 
 /// One way in which a node can be drawn.
@@ -241,6 +246,7 @@ impl NodeRecord {
                 w.f32(angle);
             }
             w.f32(r.errors.normal_smoothing_deg);
+            w.f32(r.errors.border);
             w.u32(r.vertices);
             w.u32(r.triangles);
             w.u32(r.points);
@@ -317,9 +323,11 @@ impl NodeRecord {
         let visual = r.f32()?;
         let normal_deviation_deg = [r.f32()?, r.f32()?, r.f32()?];
         let normal_smoothing_deg = r.f32()?;
+        let border = r.f32()?;
         let is_length = |length: f32| length >= 0.0 && length.is_finite();
         let mut angles = normal_deviation_deg.iter().chain([&normal_smoothing_deg]);
-        if !is_length(geometric) || !is_length(visual) || angles.any(|a| !(0.0..=180.0).contains(a))
+        if ![geometric, visual, border].into_iter().all(is_length)
+            || angles.any(|a| !(0.0..=180.0).contains(a))
         {
             return bad("an error is not a length or an angle");
         }
@@ -331,6 +339,7 @@ impl NodeRecord {
                 visual,
                 normal_deviation_deg,
                 normal_smoothing_deg,
+                border,
             },
             vertices: r.u32()?,
             triangles: r.u32()?,

@@ -154,6 +154,10 @@ impl From<FormatError> for NodeError {
     }
 }
 
+/// Where triangles are cut, the surface's lines on the faces of cells are so far from the scan's, in
+/// lattice steps: their vertices are rounded.
+const CUT_ROUNDING: f64 = 1.0;
+
 fn build_leaf(leaf: Leaf, setting: &Setting<'_>) -> Result<(BuiltNode, Piece), NodeError> {
     let page = encode_mesh(&leaf.mesh, 0)?;
     let kind = RepresentationKind::Source;
@@ -162,7 +166,7 @@ fn build_leaf(leaf: Leaf, setting: &Setting<'_>) -> Result<(BuiltNode, Piece), N
     let cone = ConeBuilder::of_mesh(&leaf.mesh);
     let record =
         record(leaf.cell, setting.closed_oriented, [lo, hi], cone.finish(), vec![representation]);
-    let source = Source { mesh: leaf.mesh, ..Source::default() };
+    let source = Source { mesh: leaf.mesh, border: CUT_ROUNDING, ..Source::default() };
     let piece = Piece { source, is_leaf: true, cone, bounds: [lo, hi] };
     Ok((BuiltNode { record, pages: vec![page] }, piece))
 }
@@ -273,7 +277,7 @@ fn gather(cell: CellKey, pieces: &Pieces) -> Source {
     let mut out = Source::default();
     let mut index_of: HashMap<Vertex, u32> = HashMap::new();
     for piece in gathered(cell, pieces) {
-        let Source { mesh, carried, smoothing } = &piece.source;
+        let Source { mesh, carried, smoothing, border } = &piece.source;
         let joined = &mut out.mesh;
         let new_from_old: Vec<u32> = (0..mesh.positions.len() as u32)
             .map(|v| {
@@ -284,6 +288,7 @@ fn gather(cell: CellKey, pieces: &Pieces) -> Source {
         joined.triangles.extend(mesh.triangles.iter().map(|t| t.map(|v| new_from_old[v as usize])));
         out.carried.extend(carried);
         out.smoothing = out.smoothing.max(*smoothing);
+        out.border = out.border.max(*border);
         // Leaves are the original: they carry nothing.
         out.carried.resize(joined.triangles.len(), Carried::default());
     }
@@ -296,7 +301,8 @@ fn encode_inner(
     lattice: &Lattice,
     budget: &Budget,
 ) -> Result<(Source, Representation, Vec<u8>), FormatError> {
-    let Simplified { mesh, carried, distance, normal_deviation, smoothing, visual } = simplified;
+    let Simplified { mesh, carried, distance, normal_deviation, smoothing, visual, border } =
+        simplified;
     // Corners on the cell's faces stay on the finest grid they came from.
     let page = encode_mesh(&mesh, grid_of(&mesh, budget.grid_shift))?;
     // An error far below the budget selects nothing differently, but checking it by samples at a
@@ -308,9 +314,10 @@ fn encode_inner(
         visual: round_up(visual.max(error) * lattice.step),
         normal_deviation_deg: normal_deviation.map(degrees_up),
         normal_smoothing_deg: degrees_up(smoothing),
+        border: round_up(border * lattice.step),
     };
     let representation = representation(kind, errors, &mesh, &page);
-    Ok((Source { mesh, carried, smoothing }, representation, page))
+    Ok((Source { mesh, carried, smoothing, border }, representation, page))
 }
 
 /// The coarsest grid, up to `2^wanted`, that holds every position relative to the lowest.

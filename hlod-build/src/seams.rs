@@ -32,7 +32,8 @@ const TOGETHER: f64 = 1.5;
 const TOGETHER_SHARE: f64 = 0.25;
 
 /// Closes seams narrower than `width` inside the cell, as far as no triangle comes to carry more
-/// than `limit` (both in lattice steps). Borders on the cell's own faces stay as they are.
+/// than `limit` (both in lattice steps). Borders on the cell's own faces stay as they are, but for
+/// where seams end on them.
 pub(crate) fn close_seams(source: &mut Source, width: f64, limit: f64, cube: &Cube) {
     for pass in 0..PASSES {
         let seams = Seams::of(&source.mesh, cube);
@@ -240,6 +241,10 @@ fn merge_vertices(
             at.iter().for_each(|&p| moved_to[p as usize] = p);
         }
     }
+    let on_own_face =
+        (0u32..).zip(&moved_to).filter(|(p, _)| seams.borders.faces[*p as usize] != 0);
+    let moves = on_own_face.map(|(p, &to)| seams.at(p).distance(seams.at(to)));
+    source.border += moves.fold(0.0, f64::max);
     let mut changed = false;
     for (triangle, carried) in source.mesh.triangles.iter().zip(&mut source.carried) {
         let apart = |p: u32| seams.at(p).distance(seams.at(moved_to[p as usize]));

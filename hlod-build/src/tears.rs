@@ -296,7 +296,7 @@ mod tests {
             }
         }
         let carried = vec![Carried::default(); mesh.triangles.len()];
-        Source { mesh, carried, smoothing: 0.0 }
+        Source { mesh, carried, ..Source::default() }
     }
 
     fn open(source: &Source) -> usize {

@@ -71,7 +71,7 @@ impl Model {
         let file = HlodFile::open(path).map_err(&format)?;
         let header = file.header().clone();
         let root_block = file.read_block(header.root_block).map_err(&format)?;
-        let skeleton = Skeleton::new(header.lattice, header.resolution, &root_block);
+        let skeleton = Skeleton::new(header.lattice, &root_block);
         let (loader, _) =
             FileLoader::open(path, READER_THREADS, limits.read_bytes_per_sec).map_err(&format)?;
 

@@ -201,7 +201,8 @@ pub fn select(
     }
     let of_border = |draw: &Draw| {
         let node = &skeleton.nodes()[draw.node as usize];
-        view.error_px(node.border_error, node.min, node.max).min(draw.error_px)
+        let error = node.representations[draw.representation].border_error;
+        view.error_px(error, node.min, node.max)
     };
     search.front.border_px = search.front.draws.iter().map(of_border).fold(0.0, f64::max);
     search

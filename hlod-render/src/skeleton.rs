@@ -12,9 +12,6 @@ pub struct Node {
     pub cell: CellKey,
     /// Depth; 0 is the root.
     pub depth: u8,
-    /// How far the lines in which it ends on its cell's faces may be from the scan's, in the source's
-    /// unit, whatever its representation.
-    pub border_error: f64,
     /// Lowest and highest corner of its cell.
     pub cell_box: [DVec3; 2],
     /// Lowest corner of its geometry.
@@ -39,6 +36,9 @@ pub struct NodeRepresentation {
     pub kind: RepresentationKind,
     /// The error by which it is selected, in the source's unit.
     pub error: f64,
+    /// How far the lines in which it ends on its cell's faces may be from the scan's, in the source's
+    /// unit.
+    pub border_error: f64,
     /// Triangles in its page.
     pub triangles: u32,
     /// Vertices in its page.
@@ -67,14 +67,13 @@ pub enum ChildLink {
 #[derive(Debug, Clone)]
 pub struct Skeleton {
     lattice: Lattice,
-    resolution: u32,
     nodes: Vec<Node>,
 }
 
 impl Skeleton {
-    /// Begins with the root's block; `resolution` is the header's.
-    pub fn new(lattice: Lattice, resolution: u32, root: &SkeletonBlock) -> Skeleton {
-        let mut skeleton = Skeleton { lattice, resolution, nodes: Vec::new() };
+    /// Begins with the root's block.
+    pub fn new(lattice: Lattice, root: &SkeletonBlock) -> Skeleton {
+        let mut skeleton = Skeleton { lattice, nodes: Vec::new() };
         skeleton.append(root);
         skeleton
     }
@@ -111,18 +110,12 @@ impl Skeleton {
             let axis = DVec3::from_array(record.cone.axis.decode().map(f64::from)).normalize();
             (axis, f64::from(record.cone.cosine).acos())
         });
-        let border_error = match record.children {
-            // Cut points are rounded.
-            Children::None => self.lattice.step,
-            _ => self.lattice.cell_edge(record.cell.depth()) / f64::from(self.resolution.max(1)),
-        };
         let low = self.lattice.cell_min(record.cell);
         let units = self.lattice.cell_units(record.cell.depth()) as i32;
         Node {
             cell: record.cell,
             cell_box: [place(low), place(low.map(|c| c + units))],
             depth: record.cell.depth(),
-            border_error,
             min: place(record.bounds[0]),
             max: place(record.bounds[1]),
             cone,
@@ -133,6 +126,8 @@ impl Skeleton {
                 .map(|r| NodeRepresentation {
                     kind: r.kind,
                     error: r.selecting_error().into(),
+                    // Cut points are rounded.
+                    border_error: f64::from(r.errors.border).max(self.lattice.step),
                     triangles: r.triangles,
                     vertices: r.vertices,
                     page: r.page,

@@ -1,18 +1,13 @@
 //! Skirts: what keeps the seams between drawn nodes closed, whatever their depths.
 //!
-//! The surface in a cell ends on the cell's faces, in lines that are simplified *in* these faces, to
-//! within half of the node's budget e/R and rounding to an eighth of it, level upon level, of which
-//! every second one is gathered: (½ + √2/16)(1 + ¼ + …) < 1, so no point of such a line is farther
-//! than e/R from the scan's own section with the face, and between two nodes that are drawn
-//! side by side there is at most a slit in their common face, as wide as both their e/R
-//! together. (The few vertices that the builder releases from these lines obey their node's
-//! certificate alone.) Every border line therefore carries a strip in the face, into the body.
-//!
-//! The strip reaches twice as far as the error by which nodes are drawn, which is at most τ, or twice
-//! e/R where that is less. The first is what is certified of the surface, not of the line within
-//! the face: where the surface meets the face at a shallow angle more would be proven with e/R
-//! alone, but strips of several pixels stick out of thin walls (a thousand pixels of the Dragon
-//! in three views), and audits have not found what they would close.
+//! The surface in a cell ends on the cell's faces, in lines that are simplified *in* these faces. How
+//! far a node's lines are there from the scan's own sections is measured when they are simplified,
+//! level upon level, and stored as the node's border error (`deviation` in
+//! `hlod-build/src/simplify/chains.rs`): a bound of the two-sided Hausdorff distance within the
+//! face. So between two nodes that are drawn side by side, of whatever depths, there is at most a
+//! slit in their common face that is as wide as both their border errors together. Every border line
+//! carries a strip in the face, into the body, that reaches as far as twice the largest border error
+//! of the nodes that are drawn: it covers the slit.
 //!
 //! Where one border lies above the other its strip reaches past the other, so that no line of sight
 //! gets through; and a strip that goes only inwards moves no outline of a body that is thicker.

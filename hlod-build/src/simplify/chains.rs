@@ -46,6 +46,63 @@ pub(super) struct Chains {
     /// Of each position on a chain, its pin in the appearance and in the geometric
     /// representation.
     pub(super) pin_of: HashMap<[i32; 3], [u32; 2]>,
+    /// The chains' positions, in order.
+    lines: Vec<Vec<[i32; 3]>>,
+}
+
+impl Chains {
+    /// How far the chains are, both ways, from what they become when each of their positions goes
+    /// where `place_of` says; `gone` where one goes nowhere. In lattice steps.
+    pub(super) fn deviation(
+        &self,
+        place_of: impl Fn([i32; 3]) -> Option<[i32; 3]>,
+        gone: f64,
+    ) -> f64 {
+        let mut largest = 0.0f64;
+        for line in &self.lines {
+            let places: Option<Vec<[i32; 3]>> = line.iter().map(|&p| place_of(p)).collect();
+            largest = largest.max(places.map_or(gone, |places| deviation(line, &places)));
+        }
+        largest
+    }
+}
+
+/// A bound of the two-sided Hausdorff distance between a polyline and what it becomes when its
+/// vertices go to `places`, in lattice steps.
+///
+/// Vertices that go to one place leave one, the *home*, that is nearest to it. Between two homes the
+/// line's vertices have a distance to the segment between the two places; the line in between is no
+/// farther, because that distance is convex. Every point of the segment lies square to some point
+/// in between, which is no farther either, or beyond the square of a home, and then no farther
+/// from it than its place is.
+fn deviation(line: &[[i32; 3]], places: &[[i32; 3]]) -> f64 {
+    let at = |p: &[i32; 3]| DVec3::from_array(p.map(f64::from));
+    let mut homes: Vec<usize> = Vec::new();
+    let mut first = 0;
+    for group in places.chunk_by(|a, b| a == b) {
+        let distance = |k: &usize| at(&line[*k]).distance_squared(at(&group[0]));
+        let members = first..first + group.len();
+        homes.extend(members.clone().min_by(|a, b| distance(a).total_cmp(&distance(b))));
+        first = members.end;
+    }
+    let to_place = |k: usize, home: usize| at(&line[k]).distance(at(&places[home]));
+    let mut largest = homes.iter().map(|&home| to_place(home, home)).fold(0.0, f64::max);
+    let (&begin, &end) = (homes.first().unwrap_or(&0), homes.last().unwrap_or(&0));
+    for k in 0..begin {
+        largest = largest.max(to_place(k, begin));
+    }
+    for k in end..line.len() {
+        largest = largest.max(to_place(k, end));
+    }
+    for pair in homes.windows(2) {
+        let [from, to] = [pair[0], pair[1]].map(|home| at(&places[home]));
+        let along = to - from;
+        for p in &line[pair[0]..=pair[1]] {
+            let t = ((at(p) - from).dot(along) / along.length_squared()).clamp(0.0, 1.0);
+            largest = largest.max(at(p).distance(from + along * t));
+        }
+    }
+    largest
 }
 
 /// How far normals may part on a chain.
@@ -183,6 +240,7 @@ fn walk(edges: impl Iterator<Item = [u32; 2]>, borders: &Borders) -> Vec<Vec<u32
 /// Finds what is kept of one chain and what everything on it becomes.
 fn simplify_chain(chain: &[&ChainVertex], budget: &Budget, shading: &Shading, out: &mut Chains) {
     let last = chain.len() - 1;
+    out.lines.push(chain.iter().map(|v| v.position).collect());
     let points: Vec<DVec3> = chain.iter().map(|v| v.at()).collect();
     let rounded: Vec<[i32; 3]> = chain.iter().map(|v| budget.on_grid(v.position)).collect();
     let quarter = budget.cell_units / 4;
@@ -352,5 +410,64 @@ impl Fit<'_> {
             sum += distance2;
         }
         Some(sum)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Both ways, by samples.
+    fn sampled(line: &[[i32; 3]], places: &[[i32; 3]]) -> f64 {
+        let at = |p: &[i32; 3]| DVec3::from_array(p.map(f64::from));
+        let samples = |line: &[[i32; 3]]| -> Vec<DVec3> {
+            let pairs = line.windows(2);
+            pairs
+                .flat_map(|w| (0..=50).map(move |i| at(&w[0]).lerp(at(&w[1]), f64::from(i) / 50.0)))
+                .collect()
+        };
+        let to_line = |p: DVec3, line: &[[i32; 3]]| {
+            let segment = |w: &[[i32; 3]]| {
+                let (a, b) = (at(&w[0]), at(&w[1]));
+                let along = b - a;
+                let t = ((p - a).dot(along) / along.length_squared().max(1e-9)).clamp(0.0, 1.0);
+                p.distance(a + along * t)
+            };
+            line.windows(2).map(segment).fold(f64::INFINITY, f64::min)
+        };
+        let forward = samples(line).into_iter().map(|p| to_line(p, places));
+        let backward = samples(places).into_iter().map(|p| to_line(p, line));
+        forward.chain(backward).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn deviations_are_bounds_and_close_ones() {
+        // A bend that is cut off by 30, the corner going to the nearer end.
+        let line = [[0, 0, 0], [100, 30, 0], [300, 0, 0]];
+        let places = [[0, 0, 0], [0, 0, 0], [300, 0, 0]];
+        assert_eq!(deviation(&line, &places), 30.0);
+        assert_eq!(deviation(&line, &line), 0.0);
+        assert_eq!(deviation(&line, &[[0, 4, 0], [100, 34, 0], [300, 4, 0]]), 4.0);
+        // Everything in one place.
+        assert_eq!(deviation(&line, &[[0, 0, 0]; 3]), 300.0);
+        let mut state = 7u32;
+        let mut random = |n: i32| {
+            state = state.wrapping_mul(1664525).wrapping_add(1013904223);
+            (state >> 16) as i32 % n
+        };
+        for _ in 0..200 {
+            let line: Vec<[i32; 3]> =
+                (0..12).map(|i| [100 * i + random(90), random(200), 0]).collect();
+            // Runs of random lengths go to one of their vertices, moved a little.
+            let mut places = Vec::new();
+            while places.len() < line.len() {
+                let run = (1 + random(4) as usize).min(line.len() - places.len());
+                let home = line[places.len() + random(run as i32) as usize];
+                let place = [home[0] + random(9), home[1] + random(9), 0];
+                places.extend(std::iter::repeat_n(place, run));
+            }
+            let (bound, found) = (deviation(&line, &places), sampled(&line, &places));
+            assert!(bound >= found - 1e-9, "{line:?} {places:?}: {bound} < {found}");
+        }
     }
 }

@@ -22,13 +22,15 @@ mod prepare;
 mod quadric;
 mod queue;
 
+use std::collections::HashMap;
+
 use glam::DVec3;
 use hlod_compress::Mesh;
 
 use crate::borders::Cube;
 use crate::certificate::{Ask, Carried, Certificate, Deviation, NONE, Pair, Surface, certify};
 use crate::tears::fill_simplified;
-use chains::{Shading, simplify_chains};
+use chains::{Chains, Shading, simplify_chains};
 use collapse::{AttributeLimits, Collapser, Limits, Pin, Vertex};
 use dust::{Dust, Speck};
 use emit::{Emitted, emit, surface_of};
@@ -95,6 +97,9 @@ pub(crate) struct Source {
     pub(crate) carried: Vec<Carried>,
     /// What normals were smoothed by so far, at most; radians.
     pub(crate) smoothing: f32,
+    /// How far the lines in which it ends on faces of cells are from the original's sections with
+    /// them.
+    pub(crate) border: f64,
 }
 
 impl Source {
@@ -122,6 +127,9 @@ pub(crate) struct Simplified {
     pub(crate) normal_deviation: [f32; 3],
     /// The original's normals were smoothed by no more before they were compared.
     pub(crate) smoothing: f32,
+    /// How far the lines in which it ends on the cell's faces are, within the faces, from the
+    /// original's.
+    pub(crate) border: f64,
     /// Estimate: how far away what is seen of the source is found again.
     pub(crate) visual: f64,
 }
@@ -190,6 +198,7 @@ fn run<const K: usize>(source: &Source, budget: &Budget) -> Both {
     };
     let step = Step {
         source,
+        chains: &chains,
         prepared: &prepared,
         dust: &dust,
         neighbours: &neighbours,
@@ -210,6 +219,7 @@ fn run<const K: usize>(source: &Source, budget: &Budget) -> Both {
 struct Step<'a> {
     source: &'a Source,
     prepared: &'a Prepared,
+    chains: &'a Chains,
     dust: &'a Dust,
     neighbours: &'a [[u32; 3]],
     /// Of the cell, in lattice steps.
@@ -305,7 +315,7 @@ fn refine<const K: usize>(
         };
         let certificate = certify(&pair, ask, known);
         if certificate.holds() {
-            return finish(mesh, &certificate, step, &dust);
+            return finish(mesh, &became, &certificate, step, &dust);
         }
         dust.take_back(&certificate.lost);
         if round >= SPECK_ROUND {
@@ -364,8 +374,20 @@ const TOLERANCE: f64 = 0.5;
 const NEAR: f64 = 0.8;
 
 /// What the step did, added to what the source already carried.
-fn finish(mesh: Mesh, certificate: &Certificate, step: &Step<'_>, dust: &Dust) -> Simplified {
-    let Step { prepared, source, tolerance, .. } = *step;
+fn finish(
+    mesh: Mesh,
+    became: &[u32],
+    certificate: &Certificate,
+    step: &Step<'_>,
+    dust: &Dust,
+) -> Simplified {
+    let Step { prepared, source, chains, budget, tolerance, .. } = *step;
+    let places = prepared.positions.iter().zip(became).filter(|(_, became)| **became != NONE);
+    let place_of: HashMap<[i32; 3], [i32; 3]> = places
+        .filter(|(p, _)| chains.pin_of.contains_key(*p))
+        .map(|(p, &became)| (*p, mesh.positions[became as usize]))
+        .collect();
+    let moved = chains.deviation(|p| place_of.get(&p).copied(), budget.whole);
     let carried = certificate.carried(&source.carried);
     let both = |c: &Carried| c.forward.max(c.backward);
     let worst = carried.iter().map(both).fold(Deviation::default(), Deviation::max);
@@ -377,6 +399,7 @@ fn finish(mesh: Mesh, certificate: &Certificate, step: &Step<'_>, dust: &Dust) -
         distance: worst.distance,
         normal_deviation: [worst.angle, p99 as f32, p90 as f32],
         smoothing: source.smoothing + prepared.smoothed,
+        border: source.border + moved,
         visual: visual(certificate, prepared, dust, tolerance),
         carried,
         mesh,

@@ -20,7 +20,7 @@ fn budget(distance: f64) -> Budget {
 
 fn source(mesh: Mesh) -> Source {
     let carried = vec![Carried::default(); mesh.triangles.len()];
-    Source { mesh, carried, smoothing: 0.0 }
+    Source { mesh, carried, ..Source::default() }
 }
 
 /// A grid of squares over part of the cell's middle, at some height.

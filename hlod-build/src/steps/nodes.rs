@@ -269,8 +269,9 @@ impl Writer {
     }
 
     fn piece(&mut self, piece: &Piece) {
-        let Piece { source: Source { mesh, carried, smoothing }, cone, bounds, .. } = piece;
+        let Piece { source: Source { mesh, carried, smoothing, border }, cone, bounds, .. } = piece;
         self.array(&[*smoothing]);
+        self.array(&[*border]);
         self.array(cone.bins());
         self.array(bounds);
         self.array(&mesh.positions);
@@ -336,6 +337,7 @@ impl Reader<'_> {
 
     fn piece(&mut self, is_leaf: bool) -> Result<Piece, BuildError> {
         let [smoothing] = self.one::<f32, 1>()?;
+        let [border] = self.one::<f64, 1>()?;
         let cone = ConeBuilder::from_bins(self.one()?);
         let bounds = self.one::<[i32; 3], 2>()?;
         let mesh = Mesh {
@@ -349,7 +351,7 @@ impl Reader<'_> {
         let carried = self.array::<[[f64; 2]; 2]>()?.into_iter().map(|[forward, backward]| {
             Carried { forward: deviation(forward), backward: deviation(backward) }
         });
-        let source = Source { mesh, carried: carried.collect(), smoothing };
+        let source = Source { mesh, carried: carried.collect(), smoothing, border };
         Ok(Piece { source, is_leaf, cone, bounds })
     }
 }

@@ -7,7 +7,7 @@
 //! points.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use hlod_compress::{CellKey, HlodFile, Lattice, MAX_DEPTH, Mesh, NodeRecord};
 use hlod_scan::{Batch, ReadOptions, ScanReader};
@@ -178,7 +178,7 @@ impl Vertices {
 }
 
 fn each_batch(
-    path: &PathBuf,
+    path: &Path,
     progress: &dyn Progress,
     visit: &mut dyn FnMut(Batch),
 ) -> Result<(), BuildError> {

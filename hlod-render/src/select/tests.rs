@@ -53,7 +53,7 @@ fn tree(depth: u8, cone: NormalCone) -> Skeleton {
     }
     let block = SkeletonBlock { nodes: records };
     block.validate().unwrap();
-    Skeleton::new(lattice(), 256, &block)
+    Skeleton::new(lattice(), &block)
 }
 
 fn camera(eye: DVec3) -> Camera {
