@@ -90,6 +90,9 @@ pub struct Level {
     /// Largest estimate of how far what is seen is from its place, for receivers, in the source's
     /// unit.
     pub visual_error_max: f64,
+    /// Largest distance, for receivers, of the lines in which nodes end on the faces of their cells
+    /// from the scan's sections with them, in the source's unit.
+    pub border_error_max: f64,
     /// Deviation of normals for receivers, in degrees: over all, 99 and 90 % of a node's area,
     /// mean over nodes.
     pub normal_deviation_deg_mean: [f64; 3],
@@ -166,6 +169,7 @@ fn levels(nodes: &[NodeRecord]) -> Vec<Level> {
             level.triangles_mean += f64::from(r.triangles);
             level.points_mean += f64::from(r.points);
             level.error_max = level.error_max.max(f64::from(r.errors.geometric));
+            level.border_error_max = level.border_error_max.max(f64::from(r.errors.border));
             level.visual_error_max = level.visual_error_max.max(f64::from(r.errors.visual));
             for (sum, angle) in
                 level.normal_deviation_deg_mean.iter_mut().zip(r.errors.normal_deviation_deg)

@@ -137,6 +137,7 @@ pub fn info(info: &Info) -> String {
         "geometric",
         "error",
         "seen",
+        "border",
         "normals 99 %",
         "90 %",
     ]);
@@ -150,6 +151,7 @@ pub fn info(info: &Info) -> String {
             format!("{:.0}", level.triangles_geometric_mean),
             length(level.error_max),
             length(level.visual_error_max),
+            length(level.border_error_max),
             format!("{:.1}°", level.normal_deviation_deg_mean[1]),
             format!("{:.1}°", level.normal_deviation_deg_mean[2]),
         ]);
@@ -167,8 +169,8 @@ pub fn info(info: &Info) -> String {
         "from         {}\nsize         {}, up {}, front {}\nprecision    {}\n\
          triangles    {} read, {} nodes, R = {}, T = {}, {} × noise\nattributes   {}\nsurface      {}\n\
          errors       {} against the scan file; {}\n\n{parts}\n\n{levels}\n\
-         (triangles, points and normals: means a node; errors, of shape and of what is seen: the\n\
-         largest of a depth, in the scan's unit)",
+         (triangles, points and normals: means a node; errors, of shape, of what is seen and of\n\
+         borders between nodes: the largest of a depth, in the scan's unit)",
         sources.join("\n             "),
         with_unit(size.join(" × "), info.unit),
         info.up,
