@@ -126,8 +126,7 @@ impl Skeleton {
                 .map(|r| NodeRepresentation {
                     kind: r.kind,
                     error: r.selecting_error().into(),
-                    // Cut points are rounded.
-                    border_error: f64::from(r.errors.border).max(self.lattice.step),
+                    border_error: r.errors.border.into(),
                     triangles: r.triangles,
                     vertices: r.vertices,
                     page: r.page,

@@ -38,7 +38,7 @@ fn tree(depth: u8, cone: NormalCone) -> Skeleton {
             cone,
             representations: vec![Representation {
                 kind,
-                errors: Errors { geometric, ..Errors::NONE },
+                errors: Errors { geometric, border: geometric / 2.0, ..Errors::NONE },
                 vertices: 3,
                 triangles: 1,
                 points: 0,
@@ -158,6 +158,25 @@ fn leaves_are_asked_for_by_a_threshold_of_zero() {
     let skeleton = tree(2, NormalCone::ALL);
     let front = select(&skeleton, &view(DVec3::new(0.0, 0.0, 90.0)), at_tau(0.0), &|_, _| true);
     assert_eq!(front.draws.len(), 64);
+}
+
+/// Leaves end where the scan does: a camera inside one of them does not make borders infinitely wide.
+#[test]
+fn borders_are_as_wide_as_drawn_nodes_are_wrong_there() {
+    let skeleton = tree(3, NormalCone::ALL);
+    let all = |_, _| true;
+    let inside = select(&skeleton, &view(DVec3::new(0.1, 0.2, 0.3)), at_tau(0.0), &all);
+    assert!(!inside.draws.is_empty());
+    assert_eq!(inside.border_px, 0.0);
+    let view = view(DVec3::new(0.3, 0.2, 9.0));
+    let coarse = select(&skeleton, &view, at_tau(4.0), &all);
+    let widest = |draw: &Draw| {
+        let node = &skeleton.nodes()[draw.node as usize];
+        view.error_px(node.representations[draw.representation].border_error, node.min, node.max)
+    };
+    let widest = coarse.draws.iter().map(widest).fold(0.0, f64::max);
+    assert!(widest > 0.5, "{widest}");
+    assert_eq!(coarse.border_px, widest);
 }
 
 #[test]
