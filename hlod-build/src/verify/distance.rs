@@ -4,6 +4,7 @@
 //! it, so that a mistake there cannot hide itself here.
 
 use std::collections::HashMap;
+use std::sync::OnceLock;
 
 use glam::DVec3;
 
@@ -22,8 +23,10 @@ pub(crate) struct Target {
     /// Their bounds.
     boxes: Vec<(DVec3, DVec3)>,
     low: DVec3,
-    /// From cells of a triangle's size to a handful of cells.
-    grids: Vec<Grid>,
+    extent: f64,
+    /// From cells of a triangle's size to a handful of cells, with the edge of a cell. Coarser ones
+    /// are made when they are needed: on surfaces they hardly are.
+    grids: Vec<(f64, OnceLock<Grid>)>,
 }
 
 /// Which triangles lie in which cubes.
@@ -55,13 +58,17 @@ impl Target {
         // About a triangle's size, and never so small that a cell's number overflows.
         let mean = sum / triangles.len().max(1) as f64;
         let mut size = mean.max(extent / 1e6).max(f64::MIN_POSITIVE);
-        let mut grids = vec![Grid::new(&boxes, low, extent, size)];
+        let mut grids = vec![(size, OnceLock::new())];
         // Scattered pieces are many cells apart.
         while extent > f64::from(SHELLS_MAX) * size {
             size *= COARSER;
-            grids.push(Grid::new(&boxes, low, extent, size));
+            grids.push((size, OnceLock::new()));
         }
-        Target { triangles, boxes, low, grids }
+        Target { triangles, boxes, low, extent, grids }
+    }
+
+    fn grid<'a>(&'a self, (size, grid): &'a (f64, OnceLock<Grid>)) -> &'a Grid {
+        grid.get_or_init(|| Grid::new(&self.boxes, self.low, self.extent, *size))
     }
 
     /// Distance to the nearest triangle; infinite where there is none.
@@ -77,6 +84,7 @@ impl Target {
         let p = DVec3::from_array(p);
         let mut best = (f64::INFINITY, 0);
         for grid in &self.grids {
+            let grid = self.grid(grid);
             let centre = cell(p, self.low, grid.size);
             // From far outside, shells begin where the grid does.
             let outside =
@@ -105,8 +113,9 @@ impl Target {
     pub(super) fn within(&self, p: [f64; 3], radius: f64, mut visit: impl FnMut(usize) -> bool) {
         let p = DVec3::from_array(p);
         // The finest grid in which the search is a few cells wide.
-        let is_coarse = |grid: &&Grid| radius <= 4.0 * grid.size;
+        let is_coarse = |(size, _): &&(f64, OnceLock<Grid>)| radius <= 4.0 * size;
         let Some(grid) = self.grids.iter().find(is_coarse).or(self.grids.last()) else { return };
+        let grid = self.grid(grid);
         let (a, b) = (cell(p - radius, self.low, grid.size), cell(p + radius, self.low, grid.size));
         let clamp = |c: i32| i64::from(c).clamp(-1, grid.cells) as i32;
         for x in clamp(a[0])..=clamp(b[0]) {

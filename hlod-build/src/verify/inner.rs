@@ -180,32 +180,79 @@ struct Largest {
 /// The distance is 1-Lipschitz: no point of a piece is farther than the farthest of its corners
 /// plus the piece's covering radius, longest edge / √3. Pieces in which that cannot exceed the
 /// largest sample by more than the finest pieces' covering radius are not looked into: they could
-/// change neither result.
+/// change neither result. The same goes for *clusters* of triangles of about that size, by the
+/// distance of their middle and their radius; the farthest come first.
 fn sample(mesh: &Mesh, spacing: f64, target: &Target, largest: &mut Largest) {
     let positions: Vec<DVec3> =
         mesh.positions.iter().map(|p| DVec3::from_array(p.map(f64::from))).collect();
-    let at_vertices: Vec<f64> = positions.iter().map(|p| target.distance(p.to_array())).collect();
-    for &v in mesh.triangles.iter().flatten() {
-        largest.sampled = largest.sampled.max(at_vertices[v as usize]);
-    }
     let finest = spacing / 3f64.sqrt();
+    let mut clusters: Vec<(f64, Cluster)> = clusters(mesh, &positions, spacing)
+        .into_iter()
+        .map(|cluster| (target.distance(cluster.middle.to_array()) + cluster.radius, cluster))
+        .collect();
+    clusters.sort_by(|(x, a), (y, b)| y.total_cmp(x).then(a.triangles.cmp(&b.triangles)));
+    let mut at_vertices = vec![f64::NAN; positions.len()];
     let mut pending = Vec::new();
-    for triangle in &mesh.triangles {
-        pending.push(triangle.map(|v| (positions[v as usize], at_vertices[v as usize])));
-        while let Some([a, b, c]) = pending.pop() {
-            let longest = a.0.distance(b.0).max(b.0.distance(c.0)).max(c.0.distance(a.0));
-            let farthest = a.1.max(b.1).max(c.1);
-            let reach = farthest + longest / 3f64.sqrt();
-            if reach <= largest.sampled + finest || longest <= spacing {
-                largest.bound = largest.bound.max(reach);
-                continue;
-            }
-            let [ab, bc, ca] = [(a, b), (b, c), (c, a)].map(|(p, q)| {
-                let middle = (p.0 + q.0) / 2.0;
-                (middle, target.distance(middle.to_array()))
+    for (reach, cluster) in clusters {
+        if reach <= largest.sampled + finest {
+            largest.bound = largest.bound.max(reach);
+            continue;
+        }
+        for &t in &cluster.triangles {
+            let corners = mesh.triangles[t as usize].map(|v| {
+                let known = &mut at_vertices[v as usize];
+                if known.is_nan() {
+                    *known = target.distance(positions[v as usize].to_array());
+                }
+                largest.sampled = largest.sampled.max(*known);
+                (positions[v as usize], *known)
             });
-            largest.sampled = largest.sampled.max(ab.1).max(bc.1).max(ca.1);
-            pending.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+            pending.push(corners);
+            while let Some([a, b, c]) = pending.pop() {
+                let longest = a.0.distance(b.0).max(b.0.distance(c.0)).max(c.0.distance(a.0));
+                let farthest = a.1.max(b.1).max(c.1);
+                let reach = farthest + longest / 3f64.sqrt();
+                if reach <= largest.sampled + finest || longest <= spacing {
+                    largest.bound = largest.bound.max(reach);
+                    continue;
+                }
+                let [ab, bc, ca] = [(a, b), (b, c), (c, a)].map(|(p, q)| {
+                    let middle = (p.0 + q.0) / 2.0;
+                    (middle, target.distance(middle.to_array()))
+                });
+                largest.sampled = largest.sampled.max(ab.1).max(bc.1).max(ca.1);
+                pending.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+            }
         }
     }
+}
+
+/// Triangles that lie together.
+struct Cluster {
+    triangles: Vec<u32>,
+    middle: DVec3,
+    /// No corner is farther from the middle.
+    radius: f64,
+}
+
+/// Triangles by the cube, of this edge, that their first corner lies in.
+fn clusters(mesh: &Mesh, positions: &[DVec3], edge: f64) -> Vec<Cluster> {
+    let mut cells: BTreeMap<[i64; 3], Vec<u32>> = BTreeMap::new();
+    let edge = edge.max(1.0);
+    for (t, triangle) in (0u32..).zip(&mesh.triangles) {
+        let p = positions[triangle[0] as usize];
+        cells.entry((p / edge).to_array().map(|c| c.floor() as i64)).or_default().push(t);
+    }
+    let cluster = |triangles: Vec<u32>| {
+        let corners = || {
+            let all = triangles.iter().flat_map(|&t| mesh.triangles[t as usize]);
+            all.map(|v| positions[v as usize])
+        };
+        let low = corners().fold(DVec3::INFINITY, DVec3::min);
+        let high = corners().fold(DVec3::NEG_INFINITY, DVec3::max);
+        let middle = (low + high) / 2.0;
+        let radius = corners().map(|p| p.distance(middle)).fold(0.0, f64::max);
+        Cluster { triangles, middle, radius }
+    };
+    cells.into_values().map(cluster).collect()
 }

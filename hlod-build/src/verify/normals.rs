@@ -50,6 +50,9 @@ pub(super) fn largest_angle(
     enough: f32,
 ) -> f32 {
     let mut largest = 0.0f32;
+    if enough >= 180.0 {
+        return largest;
+    }
     let mut sample = |p: DVec3, normal: Vec3| {
         let mut least = f32::INFINITY;
         target.within(p.to_array(), reach, |t| {
