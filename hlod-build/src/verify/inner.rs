@@ -131,7 +131,19 @@ fn check_block(
     originals: &Originals<'_>,
 ) -> Result<Vec<Found>, String> {
     let leaves = originals.within_cell(block)?;
-    let check = |view: &Stored| -> Result<Found, String> {
+    // One search serves all representations: what it needs of the original is nearly the same.
+    let parts = views.iter().filter_map(|view| Some((view.parts.get(&block)?, view.error)));
+    let reached =
+        parts.map(|(part, reach)| grown_bounds(part, reach)).reduce(|[lo, hi], [a, b]| {
+            [
+                std::array::from_fn(|i| f64::min(lo[i], a[i])),
+                std::array::from_fn(|i| f64::max(hi[i], b[i])),
+            ]
+        });
+    let near = reached.map_or(Ok(Vec::new()), |bounds| originals.within_box(cell, bounds))?;
+    let to_original = Target::new(near.iter().flat_map(corners));
+    let normals = Normals::new(near.iter());
+    let check = |view: &Stored| {
         let (reach, allowed) = (view.error, view.normal_allowed_deg);
         let spacing = reach / 4.0;
         let mut distance = Largest::default();
@@ -142,16 +154,13 @@ fn check_block(
             normal_deg = normal_deg.max(angle);
         }
         if let Some(part) = view.parts.get(&block) {
-            let near = originals.within_box(cell, grown_bounds(part, reach))?;
-            let to_original = Target::new(near.iter().flat_map(corners));
-            let normals = Normals::new(near.iter());
             sample(part, spacing, &to_original, &mut distance);
             let angle = largest_angle(part, &to_original, &normals, reach, allowed);
             normal_deg = normal_deg.max(angle);
         }
-        Ok(Found { distance, normal_deg })
+        Found { distance, normal_deg }
     };
-    views.iter().map(check).collect()
+    Ok(views.iter().map(check).collect())
 }
 
 fn grown_bounds(mesh: &Mesh, by: f64) -> [[f64; 3]; 2] {
