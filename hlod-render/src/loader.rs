@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use bytemuck::{Pod, Zeroable};
 use hlod_compress::{
-    BlockRef, CellKey, FormatError, HlodFile, Lattice, PageRef, SkeletonBlock, decode_mesh,
+    BlockRef, CellKey, FormatError, Header, HlodFile, Lattice, PageRef, SkeletonBlock, decode_mesh,
 };
 
 use crate::skirts::skirts;
@@ -102,7 +102,8 @@ pub fn model_origin(lattice: &Lattice) -> glam::DVec3 {
 ///
 /// # Errors
 /// When the bytes are damaged.
-pub fn decode(part: &Part, bytes: &[u8], lattice: &Lattice) -> Result<Loaded, FormatError> {
+pub fn decode(part: &Part, bytes: &[u8], header: &Header) -> Result<Loaded, FormatError> {
+    let lattice = &header.lattice;
     match part {
         Part::Block(block) => SkeletonBlock::parse(bytes, *block).map(Loaded::Block),
         Part::Page(page, cell) => {
@@ -115,7 +116,9 @@ pub fn decode(part: &Part, bytes: &[u8], lattice: &Lattice) -> Result<Loaded, Fo
             };
             let vertices = mesh.positions.iter().zip(&mesh.normals).map(vertex).collect();
             let mut indices = mesh.triangles.as_flattened().to_vec();
-            indices.extend(skirts(&mesh, *cell, lattice));
+            let budget =
+                f64::from(lattice.cell_units(cell.depth())) / f64::from(header.resolution.max(1));
+            indices.extend(skirts(&mesh, *cell, lattice, budget));
             Ok(Loaded::Mesh(GpuMesh { vertices, colours: mesh.colours, indices }))
         }
     }
@@ -203,8 +206,7 @@ fn work(shared: &Shared, completions: &mpsc::Sender<Completion>) {
             Part::Page(p, _) => shared.file.read_range("page", p.offset, p.page_bytes),
         };
         let bytes_read = read.as_ref().map_or(0, |bytes| bytes.len() as u64);
-        let lattice = &shared.file.header().lattice;
-        let result = read.and_then(|bytes| decode(&part, &bytes, lattice));
+        let result = read.and_then(|bytes| decode(&part, &bytes, shared.file.header()));
         if completions.send(Completion { ticket, result, bytes_read }).is_err() {
             return;
         }

@@ -108,9 +108,7 @@ impl Model {
             let part = crate::loader::Part::Page(representation.page, CellKey::ROOT);
             let bytes = file.read_page(representation.page).map_err(&format)?;
             model.bytes_read += bytes.len() as u64;
-            if let Loaded::Mesh(mesh) =
-                decode(&part, &bytes, &model.header.lattice).map_err(&format)?
-            {
+            if let Loaded::Mesh(mesh) = decode(&part, &bytes, &model.header).map_err(&format)? {
                 model.upload(gpu, (0, i), &mesh)?;
             }
         }

@@ -12,6 +12,9 @@
 //! Where one border lies above the other its strip reaches past the other, so that no line of sight
 //! gets through; and a strip that goes only inwards moves no outline of a body that is thicker.
 //!
+//! Components smaller than the node's budget e/R have no strips: they may vanish as a whole, and a
+//! strip would be larger than they are.
+//!
 //! Nodes of equal depth end in the same vertices, and their strips are hidden behind both. Of two
 //! leaves of different depth the finer is cut where the coarser is not, and rounded there: by less
 //! than the two steps of the lattice that are added everywhere.
@@ -38,8 +41,9 @@ struct Edge {
     axis: u32,
 }
 
-/// Three indices for each triangle of the strips along the borders of a cell's geometry.
-pub(crate) fn skirts(mesh: &Mesh, cell: CellKey, lattice: &Lattice) -> Vec<u32> {
+/// Three indices for each triangle of the strips along the borders of a cell's geometry; `budget` is
+/// e/R in lattice steps.
+pub(crate) fn skirts(mesh: &Mesh, cell: CellKey, lattice: &Lattice, budget: f64) -> Vec<u32> {
     let (min, units) = (lattice.cell_min(cell), lattice.cell_units(cell.depth()));
     // The faces that a vertex lies on: bit `axis` for the lower, `3 + axis` for the upper.
     let faces = |p: [i32; 3]| -> u8 {
@@ -65,6 +69,10 @@ pub(crate) fn skirts(mesh: &Mesh, cell: CellKey, lattice: &Lattice) -> Vec<u32> 
         }
     }
     let mut borders: Vec<Edge> = edges.into_values().flatten().collect();
+    if !borders.is_empty() {
+        let is_small = small_components(mesh, budget);
+        borders.retain(|edge| !is_small[edge.vertices[0] as usize]);
+    }
     borders.sort_unstable_by_key(|edge| edge.vertices);
     let moved = |v: u32, axis: u32| v | MOVED | axis << AXIS_SHIFT;
     let mut indices = Vec::with_capacity(6 * borders.len());
@@ -90,6 +98,39 @@ pub(crate) fn skirts(mesh: &Mesh, cell: CellKey, lattice: &Lattice) -> Vec<u32> 
     indices
 }
 
+/// Whether each vertex is of a component whose bounds have a diagonal of at most `budget`.
+fn small_components(mesh: &Mesh, budget: f64) -> Vec<bool> {
+    fn root(parent: &mut [u32], mut v: u32) -> u32 {
+        while parent[v as usize] != v {
+            parent[v as usize] = parent[parent[v as usize] as usize];
+            v = parent[v as usize];
+        }
+        v
+    }
+    let count = mesh.positions.len();
+    let mut first_at: HashMap<[i32; 3], u32> = HashMap::with_capacity(count);
+    let mut parent: Vec<u32> =
+        mesh.positions.iter().zip(0..).map(|(p, v)| *first_at.entry(*p).or_insert(v)).collect();
+    for t in &mesh.triangles {
+        for k in 1..3 {
+            let (a, b) = (root(&mut parent, t[0]), root(&mut parent, t[k]));
+            parent[a.max(b) as usize] = a.min(b);
+        }
+    }
+    let mut bounds = vec![([i32::MAX; 3], [i32::MIN; 3]); count];
+    for (v, p) in (0u32..).zip(&mesh.positions) {
+        let (lo, hi) = &mut bounds[root(&mut parent, v) as usize];
+        *lo = std::array::from_fn(|i| lo[i].min(p[i]));
+        *hi = std::array::from_fn(|i| hi[i].max(p[i]));
+    }
+    let is_small = |v: u32| {
+        let (lo, hi) = bounds[root(&mut parent, v) as usize];
+        let squares = (0..3).map(|i| (f64::from(hi[i]) - f64::from(lo[i])).powi(2));
+        squares.sum::<f64>() <= budget * budget
+    };
+    (0..count as u32).map(is_small).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use hlod_compress::OctNormal;
@@ -107,7 +148,8 @@ mod tests {
         let normals = vec![OctNormal::encode([0.0, 0.0, 1.0]); 4];
         let triangles = vec![[0, 1, 2], [0, 2, 3]];
         let mesh = Mesh { positions, normals, colours: Vec::new(), triangles };
-        let indices = skirts(&mesh, cell, &lattice);
+        assert!(skirts(&mesh, cell, &lattice, 2.0 * f64::from(units)).is_empty(), "too small");
+        let indices = skirts(&mesh, cell, &lattice, 1.0);
         let moved = |v: u32, axis: u32| v | MOVED | axis << AXIS_SHIFT;
         let of =
             |a: u32, b: u32, axis: u32| [a, moved(a, axis), b, b, moved(a, axis), moved(b, axis)];
