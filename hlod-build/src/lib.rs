@@ -38,6 +38,7 @@ mod steps;
 pub mod synth;
 mod tears;
 mod triangle_bvh;
+mod union;
 mod verify;
 
 pub use compare::{CompareReport, Direction, NormalDeviation, compare};

@@ -122,14 +122,8 @@ pub fn build(
     options: &BuildOptions,
     progress: &dyn Progress,
 ) -> Result<BuildReport, BuildError> {
-    if inputs.is_empty() {
-        return Err(BuildError::Usage("no input was given".into()));
-    }
-    check_output(inputs, output, options.force)?;
-    let memory = Memory::share(options.memory_bytes, options.leaf_triangles, output)?;
     let mut meter = Meter::start();
-    let folder_path = options.work_folder.clone().unwrap_or_else(|| beside(output));
-    let folder = open_folder(&folder_path, inputs, options, progress)?;
+    let (folder, memory) = begin(inputs, output, options, progress)?;
     let result = run_steps(&folder, inputs, output, options, &memory, &mut meter, progress);
     match result {
         Ok(built) => {
@@ -152,17 +146,27 @@ pub fn prepare(
     options: &BuildOptions,
     progress: &dyn Progress,
 ) -> Result<PathBuf, BuildError> {
+    let (folder, memory) = begin(inputs, output, options, progress)?;
+    match divide(&folder, inputs, options, &memory, &mut Meter::start(), progress) {
+        Ok(_) => Ok(work_folder_of(output, options)),
+        Err(error) => Err(give_up(folder, error)?),
+    }
+}
+
+/// Checks what is asked for and opens the work folder.
+fn begin(
+    inputs: &[PathBuf],
+    output: &Path,
+    options: &BuildOptions,
+    progress: &dyn Progress,
+) -> Result<(WorkFolder, Memory), BuildError> {
     if inputs.is_empty() {
         return Err(BuildError::Usage("no input was given".into()));
     }
     check_output(inputs, output, options.force)?;
     let memory = Memory::share(options.memory_bytes, options.leaf_triangles, output)?;
-    let folder_path = options.work_folder.clone().unwrap_or_else(|| beside(output));
-    let folder = open_folder(&folder_path, inputs, options, progress)?;
-    match divide(&folder, inputs, options, &memory, &mut Meter::start(), progress) {
-        Ok(_) => Ok(folder_path),
-        Err(error) => Err(give_up(folder, error)?),
-    }
+    let folder = open_folder(&work_folder_of(output, options), inputs, options, progress)?;
+    Ok((folder, memory))
 }
 
 /// Nothing is left where nothing was done, or going on would end as this did.
@@ -302,11 +306,13 @@ fn build_upper_levels(
     Ok(())
 }
 
-/// The work folder's usual place.
-fn beside(output: &Path) -> PathBuf {
-    let mut name = output.as_os_str().to_owned();
-    name.push(".work");
-    name.into()
+/// Where the options say, else beside the output.
+fn work_folder_of(output: &Path, options: &BuildOptions) -> PathBuf {
+    options.work_folder.clone().unwrap_or_else(|| {
+        let mut name = output.as_os_str().to_owned();
+        name.push(".work");
+        name.into()
+    })
 }
 
 fn open_folder(

@@ -22,6 +22,7 @@ use hlod_compress::Mesh;
 use crate::borders::{Borders, Cube, OpenEdge};
 use crate::certificate::{Carried, Deviation, largest_angle};
 use crate::simplify::Source;
+use crate::union::Union;
 
 /// Loops of more edges are the scan's own borders.
 const LOOP_MAX: usize = 48;
@@ -63,7 +64,7 @@ fn openings(mesh: &Mesh, cube: &Cube) -> Vec<(Vec<OpenEdge>, Tear, Vec<[usize; 3
     if loops.is_empty() {
         return Vec::new();
     }
-    let pieces = Pieces::of(mesh, &borders);
+    let mut pieces = Pieces::of(mesh, &borders);
     let with_filling = |edges: Vec<OpenEdge>| {
         // The outside of a small piece is a loop, too; what filled it would be the piece's back.
         if pieces.triangles_with(edges[0].ends[0]) <= 2 * edges.len() {
@@ -78,7 +79,7 @@ fn openings(mesh: &Mesh, cube: &Cube) -> Vec<(Vec<OpenEdge>, Tear, Vec<[usize; 3
 
 /// Connected pieces of a mesh, by the numbers of positions.
 struct Pieces {
-    parent: Vec<u32>,
+    union: Union,
     /// Triangles of each piece, by its root.
     triangles: Vec<usize>,
 }
@@ -86,34 +87,21 @@ struct Pieces {
 impl Pieces {
     fn of(mesh: &Mesh, borders: &Borders) -> Pieces {
         let count = borders.positions.len();
-        let mut pieces = Pieces { parent: (0..count as u32).collect(), triangles: vec![0; count] };
+        let mut pieces = Pieces { union: Union::new(count), triangles: vec![0; count] };
         let at = |t: &[u32; 3]| t.map(|v| borders.position_of[v as usize]);
         for [a, b, c] in mesh.triangles.iter().map(at) {
-            let root = pieces.root(a);
-            for other in [pieces.root(b), pieces.root(c)] {
-                pieces.parent[other as usize] = root;
-            }
+            pieces.union.join(a, b);
+            pieces.union.join(b, c);
         }
         for [a, ..] in mesh.triangles.iter().map(at) {
-            let root = pieces.root(a);
+            let root = pieces.union.root(a);
             pieces.triangles[root as usize] += 1;
         }
         pieces
     }
 
-    fn root(&mut self, mut p: u32) -> u32 {
-        while self.parent[p as usize] != p {
-            self.parent[p as usize] = self.parent[self.parent[p as usize] as usize];
-            p = self.parent[p as usize];
-        }
-        p
-    }
-
-    fn triangles_with(&self, mut p: u32) -> usize {
-        while self.parent[p as usize] != p {
-            p = self.parent[p as usize];
-        }
-        self.triangles[p as usize]
+    fn triangles_with(&mut self, p: u32) -> usize {
+        self.triangles[self.union.root(p) as usize]
     }
 }
 

@@ -19,6 +19,7 @@ use super::prepare::Prepared;
 use super::{Budget, Source};
 use crate::certificate::{NONE, Surface};
 use crate::colour::average_srgba;
+use crate::union::Union;
 
 /// Components larger than this, in budgets, are left to collapses.
 const LARGEST: f64 = 1.25;
@@ -144,19 +145,20 @@ impl Dust {
     /// in the next cell.
     fn find(prepared: &Prepared, budget: &Budget) -> Dust {
         let surface = &prepared.surface;
-        let mut parent: Vec<u32> = (0..surface.positions.len() as u32).collect();
-        let mut first_at: HashMap<[i32; 3], u32> = HashMap::with_capacity(parent.len());
+        let count = surface.positions.len();
+        let mut union = Union::new(count);
+        let mut first_at: HashMap<[i32; 3], u32> = HashMap::with_capacity(count);
         for (v, p) in (0u32..).zip(&prepared.positions) {
             let first = *first_at.entry(*p).or_insert(v);
-            join(&mut parent, first, v);
+            union.join(first, v);
         }
         for t in &surface.triangles {
-            join(&mut parent, t[0], t[1]);
-            join(&mut parent, t[1], t[2]);
+            union.join(t[0], t[1]);
+            union.join(t[1], t[2]);
         }
-        let mut bounds = vec![(DVec3::INFINITY, DVec3::NEG_INFINITY); parent.len()];
+        let mut bounds = vec![(DVec3::INFINITY, DVec3::NEG_INFINITY); count];
         for t in &surface.triangles {
-            let root = find(&mut parent, t[0]) as usize;
+            let root = union.root(t[0]) as usize;
             for &v in t {
                 let p = surface.positions[v as usize];
                 bounds[root] = (bounds[root].0.min(p), bounds[root].1.max(p));
@@ -170,7 +172,7 @@ impl Dust {
         let mut component_of: HashMap<u32, usize> = HashMap::new();
         let mut components: Vec<Component> = Vec::new();
         for (t, triangle) in (0u32..).zip(&surface.triangles) {
-            let root = find(&mut parent, triangle[0]);
+            let root = union.root(triangle[0]);
             let (low, high) = bounds[root as usize];
             if !is_small((low, high)) {
                 continue;
@@ -390,18 +392,4 @@ impl Speck {
             add(self.normals.map(|n| -n), [0, 2, 1]);
         }
     }
-}
-
-fn find(parent: &mut [u32], mut v: u32) -> u32 {
-    while parent[v as usize] != v {
-        parent[v as usize] = parent[parent[v as usize] as usize];
-        v = parent[v as usize];
-    }
-    v
-}
-
-/// The lower number becomes the root, so that roots do not depend on the order of joins.
-fn join(parent: &mut [u32], a: u32, b: u32) {
-    let (a, b) = (find(parent, a), find(parent, b));
-    parent[a.max(b) as usize] = a.min(b);
 }
