@@ -64,6 +64,10 @@ pub struct BenchReport {
     pub frame_ms: Percentiles,
     /// Mean triangles and points of a frame.
     pub primitives_mean: f64,
+    /// What shadows were drawn.
+    pub shadow: &'static str,
+    /// Mean triangles that cast shadows.
+    pub caster_primitives_mean: f64,
     /// Mean points ÷ pixels covered by points; 0 without points.
     pub points_per_covered_pixel: f64,
     /// Frames in which nothing could be drawn.
@@ -146,6 +150,8 @@ pub fn bench(
         fps_mean: 0.0,
         frame_ms: Percentiles { p50: 0.0, p95: 0.0, p99: 0.0, max: 0.0 },
         primitives_mean: 0.0,
+        shadow: shot_template.shadow.name(),
+        caster_primitives_mean: 0.0,
         points_per_covered_pixel: 0.0,
         stalled_frames: 0,
         frames_over_tau: 0,
@@ -168,6 +174,7 @@ pub fn bench(
 
         report.primitives_mean +=
             (stats.triangles + stats.points) as f64 / f64::from(options.frames);
+        report.caster_primitives_mean += stats.caster_triangles as f64 / f64::from(options.frames);
         report.tau_ratio_mean += stats.tau_ratio / f64::from(options.frames);
         report.frames_over_tau += u32::from(stats.tau_ratio_max > 1.0);
         // A front that wants something and draws nothing leaves the picture empty.

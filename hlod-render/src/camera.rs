@@ -87,9 +87,10 @@ impl Camera {
         }
     }
 
-    /// For shaders: computed in f64, rounded once.
-    pub fn clip_from_model(&self, world_from_model: DMat4, aspect: f64) -> Mat4 {
-        (self.clip_from_view(aspect) * self.view_from_world() * world_from_model).as_mat4()
+    /// For shaders: computed in f64, rounded once. `offset` moves the picture, in clip space.
+    pub fn clip_from_model(&self, world_from_model: DMat4, aspect: f64, offset: DVec2) -> Mat4 {
+        let moved = DMat4::from_translation(offset.extend(0.0));
+        (moved * self.clip_from_view(aspect) * self.view_from_world() * world_from_model).as_mat4()
     }
 }
 

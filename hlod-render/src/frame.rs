@@ -1,16 +1,22 @@
-//! One frame, as an outline: receive → select → request → surface → shade.
+//! One frame, as an outline: receive → select receivers → select casters → request → surface →
+//! shadow → shade.
 
 use glam::{DMat4, DVec2, DVec3, Mat4, Vec4};
 
 use crate::arena::Arena;
+use crate::casters::{CasterView, select_casters};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
+use crate::light_space::{self, Face};
 use crate::loader::Part;
 use crate::model::Model;
-use crate::passes::{Drawn, DrawnPart, FrameUniform, Passes, Range, Rectangle, Targets};
-use crate::scene::{Light, Representation, Shot};
-use crate::select::{Front, Selection, View, select};
+use crate::passes::{
+    Drawn, DrawnPart, DrawnShadow, FaceUniforms, FrameUniform, Passes, Range, Rectangle, Targets,
+};
+use crate::scene::{Light, Representation, Shadow, Shot};
+use crate::select::{Front, Selection, View, corners, select};
 use crate::skeleton::ChildLink;
+use crate::traced::Tracer;
 
 /// What a frame drew, for statistics and benchmark records.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -21,6 +27,10 @@ pub struct FrameStats {
     pub points: u64,
     /// Nodes drawn.
     pub nodes: usize,
+    /// Triangles that cast shadows.
+    pub caster_triangles: u64,
+    /// Nodes that do.
+    pub caster_nodes: usize,
     /// Nodes that were wanted and whose ancestors were drawn instead.
     pub missing_parts: usize,
     /// Mean of max(1, ρ/τ) over drawn nodes, weighted by their size on screen.
@@ -29,15 +39,24 @@ pub struct FrameStats {
     pub tau_ratio_max: f64,
 }
 
+/// What a frame draws of each model.
+struct Fronts {
+    receivers: Vec<Front>,
+    /// Empty where no shadows are cast.
+    casters: Vec<Front>,
+}
+
 /// Draws models.
 pub struct Renderer {
     passes: Passes,
+    /// What rays are traced against, once any were, and what it was made of.
+    tracer: Option<(Vec<std::path::PathBuf>, Tracer)>,
 }
 
 impl Renderer {
     /// Compiles the passes; `output` is the format of the pictures.
     pub fn new(gpu: &Gpu, output: wgpu::TextureFormat) -> Renderer {
-        Renderer { passes: Passes::new(gpu, output) }
+        Renderer { passes: Passes::new(gpu, output), tracer: None }
     }
 
     /// Draws one frame with what is resident and asks for what is missing. Never waits.
@@ -52,7 +71,7 @@ impl Renderer {
         targets: &Targets,
     ) -> Result<FrameStats, RenderError> {
         let fronts = update(gpu, models, shot, targets.width(), targets.height())?;
-        self.draw(gpu, models, &fronts, shot, targets);
+        self.draw(gpu, models, &fronts, shot, targets)?;
         Ok(stats(models, &fronts, shot))
     }
 
@@ -69,8 +88,9 @@ impl Renderer {
     ) -> Result<FrameStats, RenderError> {
         loop {
             let fronts = update(gpu, models, shot, targets.width(), targets.height())?;
-            if fronts.iter().all(|f| f.wanted.is_empty()) || !models.iter().any(Model::is_loading) {
-                self.draw(gpu, models, &fronts, shot, targets);
+            let mut all = fronts.receivers.iter().chain(&fronts.casters);
+            if all.all(|f| f.wanted.is_empty()) || !models.iter().any(Model::is_loading) {
+                self.draw(gpu, models, &fronts, shot, targets)?;
                 return Ok(stats(models, &fronts, shot));
             }
             std::thread::yield_now();
@@ -81,16 +101,19 @@ impl Renderer {
         &mut self,
         gpu: &Gpu,
         models: &[Model],
-        fronts: &[Front],
+        fronts: &Fronts,
         shot: &Shot,
         targets: &Targets,
-    ) {
+    ) -> Result<(), RenderError> {
         let mut ranges = Vec::new();
+        let mut casting = Vec::new();
         let mut parts = Vec::new();
         let mut uniforms = Vec::new();
+        // For each uniform, which model it is of.
+        let mut model_of = Vec::new();
         let mut first_identity = 0;
         let mut seen = Seen::nothing(targets);
-        for (model, front) in models.iter().zip(fronts) {
+        for (m, (model, front)) in models.iter().zip(&fronts.receivers).enumerate() {
             for (arena, buffers) in model.arenas().iter().enumerate() {
                 let has_colours = model.header().has_colours();
                 let world_from_model = model.world_from_model();
@@ -99,6 +122,7 @@ impl Renderer {
                 let step = model.header().lattice.step;
                 uniform.skirt = skirt(front, &world_from_model, step, shot, targets);
                 uniforms.push((uniform, buffers));
+                model_of.push(m);
                 let index = uniforms.len() - 1;
                 let margin_px = 2.0 * front.border_px;
                 for draw in &front.draws {
@@ -117,11 +141,60 @@ impl Renderer {
                         parts.push(DrawnPart::new(node, first));
                     }
                 }
+                for draw in fronts.casters.get(m).iter().flat_map(|front| &front.draws) {
+                    let Some(slot) = model.slot(draw.node, draw.representation) else { continue };
+                    if slot.arena == arena {
+                        // A ray to a light outside leaves every closed body that it meets through
+                        // a triangle that faces the light: the others need not cast. Where it
+                        // enters may be nearer than the bias.
+                        let node = &model.skeleton().nodes()[draw.node as usize];
+                        let cull_backs = node.closed_oriented && is_outside(model, shot.light);
+                        let triangles = slot.triangles.clone();
+                        casting.push(Range { uniform: index, triangles, cull_backs });
+                    }
+                }
                 first_identity += model.arena_size().triangles;
             }
         }
-        let drawn = Drawn { ranges: &ranges, parts: &parts, area: seen.rectangle() };
-        self.passes.encode(gpu, &uniforms, &drawn, shot, targets);
+
+        let lit = (shot.shadow != Shadow::None).then(|| Lit::new(models, fronts, shot));
+        let faces: Vec<FaceUniforms> = lit
+            .iter()
+            .flat_map(|lit| &lit.faces)
+            .map(|face| {
+                let lit = lit.as_ref().expect("it has faces");
+                let all = || uniforms.iter().zip(&model_of);
+                let place = |uniform: &FrameUniform, m: usize| {
+                    lit.uniform(uniform, &models[m].world_from_model(), face, shot, targets)
+                };
+                let casters = |(uniform, m): (&(FrameUniform, &Arena), &usize)| {
+                    let step = models[*m].header().lattice.step;
+                    let border = fronts.casters.get(*m).map_or(0.0, |front| front.border_error);
+                    let reach = (2.0 * (border + step)) as f32;
+                    FrameUniform { skirt: Vec4::new(0.0, reach, 0.0, 0.0), ..place(&uniform.0, *m) }
+                };
+                FaceUniforms {
+                    receivers: all().map(|(uniform, m)| place(&uniform.0, *m)).collect(),
+                    casters: all().map(casters).collect(),
+                }
+            })
+            .collect();
+        let tracer = match (shot.shadow, &lit) {
+            (Shadow::Traced, Some(lit)) => Some((tracer(&mut self.tracer, models)?, lit)),
+            _ => None,
+        };
+        let hidden = tracer.map(|(tracer, lit)| {
+            move |face: usize, points: &[Option<[f32; 3]>]| {
+                tracer.occlusion(points, &|p| lit.faces[face].world(p.map(f64::from)))
+            }
+        });
+        let shadow = match (&hidden, shot.shadow) {
+            (Some(hidden), _) => DrawnShadow::Traced { faces: &faces, hidden },
+            (None, Shadow::None) => DrawnShadow::None,
+            (None, _) => DrawnShadow::Cast { ranges: &casting, faces: &faces },
+        };
+        let drawn = Drawn { ranges: &ranges, parts: &parts, area: seen.rectangle(), shadow };
+        self.passes.encode(gpu, &uniforms, &drawn, shot, targets)
     }
 
     /// Draws given ranges of given arenas, none of which is seen outside `area`; a frame's last step, and all of it for the reference of
@@ -134,9 +207,32 @@ impl Renderer {
         area: Rectangle,
         shot: &Shot,
         targets: &Targets,
-    ) {
-        self.passes.encode(gpu, uniforms, &Drawn { ranges, parts: &[], area }, shot, targets);
+    ) -> Result<(), RenderError> {
+        let drawn = Drawn { ranges, parts: &[], area, shadow: DrawnShadow::None };
+        self.passes.encode(gpu, uniforms, &drawn, shot, targets)
     }
+}
+
+/// Whether a light is outside a model's bounds.
+fn is_outside(model: &Model, light: Light) -> bool {
+    let (low, high) = model.bounds();
+    match light {
+        Light::Directional(_) => true,
+        Light::Point(p) => p.cmplt(low).any() || p.cmpgt(high).any(),
+    }
+}
+
+/// What rays are traced against: the leaves of these models, loaded when it is first needed.
+fn tracer<'a>(
+    kept: &'a mut Option<(Vec<std::path::PathBuf>, Tracer)>,
+    models: &[Model],
+) -> Result<&'a Tracer, RenderError> {
+    let files: Vec<_> = models.iter().map(|model| model.path().to_owned()).collect();
+    let (of, tracer) = match kept.take().filter(|(of, _)| *of == files) {
+        Some(known) => known,
+        None => (files, Tracer::load(models)?),
+    };
+    Ok(&kept.insert((of, tracer)).1)
 }
 
 /// The part of the picture in which anything is seen.
@@ -185,22 +281,118 @@ fn update(
     shot: &Shot,
     width: u32,
     height: u32,
-) -> Result<Vec<Front>, RenderError> {
+) -> Result<Fronts, RenderError> {
     let full = shot.representation == Representation::Full;
     let selection = Selection {
         kind: shot.representation.kind(),
         error_threshold_px: if full { 0.0 } else { shot.error_threshold_px },
     };
-    models
-        .iter_mut()
-        .map(|model| {
-            model.receive(gpu)?;
-            let view = View::new(&shot.camera, model.world_from_model(), width, height);
-            let front = select(model.skeleton(), &view, selection, &|n, r| model.is_resident(n, r));
-            model.request(&front);
-            Ok(front)
-        })
-        .collect()
+    let mut fronts = Fronts { receivers: Vec::new(), casters: Vec::new() };
+    for model in models.iter_mut() {
+        model.receive(gpu)?;
+        let view = View::new(&shot.camera, model.world_from_model(), width, height);
+        let is_resident = |n, r| model.is_resident(n, r);
+        fronts.receivers.push(select(model.skeleton(), &view, selection, &is_resident));
+    }
+    if shot.shadow == Shadow::Hard {
+        let threshold_px = if full { 0.0 } else { shot.caster_threshold_px };
+        let boxes = visible_boxes(models, &fronts.receivers);
+        for model in models.iter() {
+            let placed = model.world_from_model();
+            let size = (width, height);
+            let view =
+                CasterView::new(&shot.camera, size, shot.light, &boxes, threshold_px, placed);
+            let is_resident = |n, r| model.is_resident(n, r);
+            fronts.casters.push(select_casters(model.skeleton(), &view, &is_resident));
+        }
+    }
+    for (m, model) in models.iter_mut().enumerate() {
+        model.request(&[Some(&fronts.receivers[m]), fronts.casters.get(m)]);
+    }
+    Ok(fronts)
+}
+
+/// Depths of the nodes that are drawn and the corners of their boxes in world space.
+fn visible_boxes(models: &[Model], fronts: &[Front]) -> Vec<(u8, [DVec3; 8])> {
+    let of_model = |(model, front): (&Model, &Front)| -> Vec<(u8, [DVec3; 8])> {
+        let placed = model.world_from_model();
+        let node = |n: u32| &model.skeleton().nodes()[n as usize];
+        let boxes = front.draws.iter().map(|draw| {
+            let node = node(draw.node);
+            (node.depth, corners(node.min, node.max).map(|p| placed.transform_point3(p)))
+        });
+        boxes.collect()
+    };
+    models.iter().zip(fronts).flat_map(of_model).collect()
+}
+
+/// The light of one frame, as shadows need it.
+struct Lit {
+    /// World space; light space is relative to it.
+    centre: DVec3,
+    faces: Vec<Face>,
+    /// Pixels by which what casts and what is seen may be apart.
+    apart_px: f64,
+    /// What rounding may do to positions, world units.
+    rounding: f64,
+}
+
+impl Lit {
+    fn new(models: &[Model], fronts: &Fronts, shot: &Shot) -> Lit {
+        let centre = models
+            .first()
+            .map_or(DVec3::ZERO, |m| m.world_from_model().transform_point3(DVec3::ZERO));
+        let boxes = visible_boxes(models, &fronts.receivers);
+        let points: Vec<DVec3> =
+            boxes.iter().flat_map(|(_, corners)| corners.map(|p| p - centre)).collect();
+        let light = match shot.light {
+            Light::Point(position) => Light::Point(position - centre),
+            directional => directional,
+        };
+        let reach = points.iter().map(|p| p.length()).fold(0.0, f64::max);
+        let far = match light {
+            Light::Point(position) => position.length(),
+            Light::Directional(_) => 0.0,
+        };
+        let largest = |fronts: &[Front]| fronts.iter().map(|f| f.error_px).fold(0.0, f64::max);
+        Lit {
+            centre,
+            faces: light_space::faces(light, shot.camera.axes()[0], &points),
+            // Nearer than its error no node has a bound: what is drawn there is still loading.
+            apart_px: (largest(&fronts.receivers) + largest(&fronts.casters)).min(APART_PX_MAX),
+            rounding: ROUNDING * (reach + far),
+        }
+    }
+
+    /// A frame's uniform for one face of the light.
+    fn uniform(
+        &self,
+        uniform: &FrameUniform,
+        world_from_model: &DMat4,
+        face: &Face,
+        shot: &Shot,
+        targets: &Targets,
+    ) -> FrameUniform {
+        let relative = DMat4::from_translation(-self.centre) * *world_from_model;
+        let bias = self.apart_px * world_per_pixel(shot, targets);
+        FrameUniform {
+            light_from_model: (face.light_from_world * relative).as_mat4(),
+            shadow: Vec4::new(1.0, face.near as f32, face.limit as f32, 0.0),
+            bias: Vec4::new(bias as f32, self.rounding as f32, 0.0, 0.0),
+            ..*uniform
+        }
+    }
+}
+
+/// Most pixels that count as what casts and what is seen being apart.
+const APART_PX_MAX: f64 = 64.0;
+/// Of positions in f32, relative to how far they are from where they are counted.
+const ROUNDING: f64 = 1e-6;
+
+/// World units that a pixel shows at depth 1, or anywhere in parallel projection.
+fn world_per_pixel(shot: &Shot, targets: &Targets) -> f64 {
+    let (width, height) = (f64::from(targets.width()), f64::from(targets.height()));
+    2.0 * shot.camera.half_extent(width / height).y / height
 }
 
 /// What shaders know of a frame and one arena of a model.
@@ -227,14 +419,22 @@ pub(crate) fn uniform(
         Light::Point(position) => (position - centre).as_vec3().extend(1.0),
     };
     let flag = |on: bool| f32::from(u8::from(on));
+    // Samples move one way, the picture the other.
+    let offset = shot.sample_offset_px * DVec2::new(-2.0, 2.0)
+        / DVec2::new(f64::from(width), f64::from(height));
     FrameUniform {
-        clip_from_model: shot.camera.clip_from_model(world_from_model, aspect),
+        clip_from_model: shot.camera.clip_from_model(world_from_model, aspect, offset),
         world_from_model: relative.as_mat4(),
         eye,
         light,
         material: shot.material.albedo.extend(shot.material.highlight),
         skirt: Vec4::ZERO,
+        light_from_model: Mat4::IDENTITY,
+        shadow: Vec4::new(flag(shot.shadow != Shadow::None), 0.0, 0.0, 0.0),
+        bias: Vec4::ZERO,
         shading: Vec4::new(shot.material.ambient, flag(has_colours), flag(shot.backs_magenta), 1.0),
+        // Known when all that is seen is.
+        area: [0; 4],
         size: [width, height, first_identity, 0],
     }
 }
@@ -247,20 +447,18 @@ fn skirt(
     shot: &Shot,
     targets: &Targets,
 ) -> Vec4 {
-    let (width, height) = (f64::from(targets.width()), f64::from(targets.height()));
     // Both sides of a seam may be wrong. Nearer than its error no node has a bound; what covers the
     // picture is enough.
-    let pixels = (2.0 * front.border_px).min(height);
-    let world_per_pixel = 2.0 * shot.camera.half_extent(width / height).y / height;
+    let pixels = (2.0 * front.border_px).min(targets.height().into());
     let scale = world_from_model.x_axis.truncate().length();
-    Vec4::new((pixels * world_per_pixel / scale) as f32, 2.0 * step as f32, 0.0, 0.0)
+    Vec4::new((pixels * world_per_pixel(shot, targets) / scale) as f32, 2.0 * step as f32, 0.0, 0.0)
 }
 
-fn stats(models: &[Model], fronts: &[Front], shot: &Shot) -> FrameStats {
+fn stats(models: &[Model], fronts: &Fronts, shot: &Shot) -> FrameStats {
     let mut stats = FrameStats { tau_ratio: 0.0, ..FrameStats::default() };
     let mut weights = 0.0;
     let tau = shot.error_threshold_px.max(1e-9);
-    for (model, front) in models.iter().zip(fronts) {
+    for (model, front) in models.iter().zip(&fronts.receivers) {
         stats.nodes += front.draws.len();
         stats.missing_parts += front
             .wanted
@@ -277,6 +475,14 @@ fn stats(models: &[Model], fronts: &[Front], shot: &Shot) -> FrameStats {
             stats.tau_ratio += ratio.max(1.0) * draw.area_px;
             stats.tau_ratio_max = stats.tau_ratio_max.max(ratio);
             weights += draw.area_px;
+        }
+    }
+    for (model, front) in models.iter().zip(&fronts.casters) {
+        stats.caster_nodes += front.draws.len();
+        stats.missing_parts += front.wanted.len();
+        for draw in &front.draws {
+            let triangles = model.slot(draw.node, draw.representation).map(|s| s.triangles.len());
+            stats.caster_triangles += triangles.unwrap_or(0) as u64;
         }
     }
     stats.tau_ratio = if weights > 0.0 { stats.tau_ratio / weights } else { 1.0 };

@@ -150,13 +150,38 @@ impl Gpu {
             texture.size(),
         );
         self.queue.submit([encoder.finish()]);
-        buffer.map_async(wgpu::MapMode::Read, .., |_| {});
-        self.wait()?;
-        let mapped = buffer.get_mapped_range(..).map_err(|e| self.error(e.to_string()))?;
+        let mapped = self.map(&buffer)?;
         let mut out = Vec::with_capacity((row * height) as usize);
         for line in mapped.chunks_exact(padded as usize) {
             out.extend_from_slice(&line[..row as usize]);
         }
         Ok(out)
+    }
+
+    /// Copies the first bytes of a buffer to memory.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub(crate) fn read_buffer(
+        &self,
+        source: &wgpu::Buffer,
+        bytes: u64,
+    ) -> Result<Vec<u8>, RenderError> {
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("read back"),
+            size: bytes,
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(source, 0, &buffer, 0, bytes);
+        self.queue.submit([encoder.finish()]);
+        Ok(self.map(&buffer)?.to_vec())
+    }
+
+    fn map(&self, buffer: &wgpu::Buffer) -> Result<wgpu::BufferView, RenderError> {
+        buffer.map_async(wgpu::MapMode::Read, .., |_| {});
+        self.wait()?;
+        buffer.get_mapped_range(..).map_err(|e| self.error(e.to_string()))
     }
 }

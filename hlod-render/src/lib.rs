@@ -3,7 +3,8 @@
 //! ```text
 //! model     skeleton, resident geometry, requests (loader → arena)
 //!   │ select    which nodes are drawn
-//!   │ passes    identity and depth, then shading
+//!   │ casters   and which cast shadows on them
+//!   │ passes    identity and depth, what is hidden from the light, shading
 //!   ▼ frame     the outline; picture, bench and audit are what it is for
 //! ```
 
@@ -11,10 +12,12 @@ mod arena;
 pub mod audit;
 pub mod bench;
 pub mod camera;
+pub mod casters;
 mod error;
 pub mod frame;
 pub mod framing;
 mod gpu;
+mod light_space;
 pub mod loader;
 mod model;
 pub mod passes;
@@ -25,6 +28,7 @@ pub mod scene;
 pub mod select;
 pub mod skeleton;
 pub mod skirts;
+mod traced;
 #[cfg(feature = "viewer")]
 pub mod viewer;
 

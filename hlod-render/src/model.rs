@@ -10,7 +10,7 @@ use crate::arena::{Arena, ArenaSize, Slot};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::loader::{Completion, FileLoader, GpuMesh, Loaded, Loader, decode, model_origin};
-use crate::select::{Front, page_ticket, parse_ticket};
+use crate::select::{Front, Wanted, page_ticket, parse_ticket};
 use crate::skeleton::{ChildLink, Skeleton};
 
 /// Limits under which a model is shown.
@@ -213,20 +213,25 @@ impl Model {
         Ok(())
     }
 
-    /// Asks for what the front lacks, and notes what it uses.
-    pub fn request(&mut self, front: &Front) {
-        for draw in &front.draws {
+    /// Asks for what fronts lack, and notes what they use.
+    pub fn request(&mut self, fronts: &[Option<&Front>]) {
+        let fronts: Vec<&Front> = fronts.iter().copied().flatten().collect();
+        for draw in fronts.iter().flat_map(|front| &front.draws) {
             if let Some(resident) = self.slots.get_mut(&(draw.node, draw.representation)) {
                 resident.last_used = self.frame;
             }
         }
         let waiting: HashSet<u64> =
             self.waiting.iter().map(|((node, r), _)| page_ticket(*node, *r)).collect();
-        let wanted = front
-            .wanted
+        let mut wanted: Vec<&Wanted> = fronts
             .iter()
-            .filter(|w| !waiting.contains(&w.ticket) && !self.damaged.contains(&w.ticket));
-        self.loader.submit(wanted.map(|w| (w.ticket, w.part)).collect());
+            .flat_map(|front| &front.wanted)
+            .filter(|w| !waiting.contains(&w.ticket) && !self.damaged.contains(&w.ticket))
+            .collect();
+        wanted.sort_by(|a, b| b.urgency.total_cmp(&a.urgency).then(a.ticket.cmp(&b.ticket)));
+        let mut asked = HashSet::new();
+        wanted.retain(|w| asked.insert(w.ticket));
+        self.loader.submit(wanted.iter().map(|w| (w.ticket, w.part)).collect());
     }
 
     /// Finds room for a mesh: in an arena, in a new one within the budget, or by removing what

@@ -66,6 +66,17 @@ impl Canvas {
         Ok(bytemuck::pod_collect_to_vec(&bytes))
     }
 
+    /// How much of the light is hidden from what each pixel shows, in 65535ths; 0 where nothing is
+    /// drawn. Of the last frame with shadows.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub fn occlusion(&self, gpu: &Gpu) -> Result<Vec<u32>, RenderError> {
+        let pixels = u64::from(self.texture.width()) * u64::from(self.texture.height());
+        let bytes = gpu.read_buffer(self.targets.occlusion(gpu), 4 * pixels)?;
+        Ok(bytemuck::pod_collect_to_vec(&bytes))
+    }
+
     /// Reversed depth of each pixel; 0 where nothing is drawn.
     ///
     /// # Errors
@@ -93,7 +104,7 @@ pub fn take(
     let canvas = Canvas::new(gpu, width.saturating_mul(n), height.saturating_mul(n))?;
     let mut renderer = Renderer::new(gpu, PICTURE_FORMAT);
     // The picture's own pixels decide what is fine enough.
-    let shot = Shot { error_threshold_px: shot.error_threshold_px * f64::from(n), ..*shot };
+    let shot = shot.finer(n);
     let stats = renderer.render_complete(gpu, models, &shot, &canvas.targets)?;
     Ok((canvas.picture(gpu)?.reduced(n), stats))
 }

@@ -1,6 +1,6 @@
 //! What is lit how, and seen from where.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 use hlod_compress::RepresentationKind;
 
 use crate::camera::Camera;
@@ -93,6 +93,37 @@ impl Paint {
     }
 }
 
+/// What shadows are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Shadow {
+    /// None: light goes through everything.
+    #[default]
+    None,
+    /// Of a light without extent, from the casters' front.
+    Hard,
+    /// The same from the scan's own triangles, by rays: slow, and what the others are compared with.
+    Traced,
+}
+
+impl Shadow {
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Shadow::None => "none",
+            Shadow::Hard => "hard",
+            Shadow::Traced => "traced",
+        }
+    }
+}
+
+/// τ_c unless said otherwise: how many pixels casters may move a shadow's edge. With τ_r = 0.5 edges are
+/// wrong by at most (τ_c + τ_r sin θ) ÷ cos θ pixels at an angle of incidence of θ: 0.52 at 15°, 1.62
+/// at 60°.
+pub const CASTER_THRESHOLD_PX: f64 = 0.375;
+
+/// τ and τ_c with which that is below a pixel up to 60°.
+pub const EXACT_THRESHOLDS_PX: (f64, f64) = (0.25, 0.25);
+
 /// Everything one picture depends on besides the models.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shot {
@@ -110,10 +141,28 @@ pub struct Shot {
     pub paint: Paint,
     /// τ in pixels.
     pub error_threshold_px: f64,
+    /// What shadows are drawn.
+    pub shadow: Shadow,
+    /// τ_c in pixels: see [`crate::casters`].
+    pub caster_threshold_px: f64,
+    /// Where in each pixel its sample is, from the middle to the right and downwards; in pixels.
+    pub sample_offset_px: DVec2,
     /// Draws backs even where they can never be seen, so that cracks show (audits).
     pub draw_backs: bool,
     /// Paints backs magenta, and draws them everywhere.
     pub backs_magenta: bool,
+}
+
+impl Shot {
+    /// For a picture of n × n samples a pixel: the pixels decide what is fine enough.
+    pub fn finer(&self, n: u32) -> Shot {
+        let n = f64::from(n);
+        Shot {
+            error_threshold_px: self.error_threshold_px * n,
+            caster_threshold_px: self.caster_threshold_px * n,
+            ..*self
+        }
+    }
 }
 
 /// Parallel light by its azimuth and elevation in degrees relative to a picture: 0, 0 comes from

@@ -128,7 +128,7 @@ impl View {
     }
 }
 
-fn corners(min: DVec3, max: DVec3) -> [DVec3; 8] {
+pub(crate) fn corners(min: DVec3, max: DVec3) -> [DVec3; 8] {
     std::array::from_fn(|i| {
         let pick = |axis: usize| if i >> axis & 1 == 1 { max[axis] } else { min[axis] };
         DVec3::new(pick(0), pick(1), pick(2))
@@ -170,6 +170,10 @@ pub struct Front {
     pub ideal_nodes: usize,
     /// How many pixels the borders of drawn nodes are from their place: see [`crate::skirts`].
     pub border_px: f64,
+    /// The same in the source's unit.
+    pub border_error: f64,
+    /// Most pixels that the error of a drawn node covers, leaves apart.
+    pub error_px: f64,
 }
 
 /// Ticket of a node's page.
@@ -188,34 +192,86 @@ pub fn parse_ticket(ticket: Ticket) -> (u32, Option<usize>) {
     ((ticket >> 3) as u32, (representation != 7).then_some(representation))
 }
 
-/// Finds the front of one model.
+/// What decides which nodes are drawn.
+pub(crate) trait Measure {
+    /// Which hierarchy.
+    fn kind(&self) -> RepresentationKind;
+    /// Whether anything of the node matters.
+    fn is_relevant(&self, node: &Node) -> bool;
+    /// Pixels that a length (model units) within the node covers at most, of what matters.
+    fn error_px(&self, error: f64, node: &Node) -> f64;
+    /// How many pixels are allowed; 0 asks for the leaves.
+    fn threshold_px(&self) -> f64;
+    /// A rough measure of a node's size in square pixels.
+    fn area_px(&self, node: &Node) -> f64;
+}
+
+/// Receivers are measured as the camera sees them.
+struct Receivers<'a> {
+    view: &'a View,
+    selection: Selection,
+}
+
+impl Measure for Receivers<'_> {
+    fn kind(&self) -> RepresentationKind {
+        self.selection.kind
+    }
+
+    fn is_relevant(&self, node: &Node) -> bool {
+        self.view.sees_box(node.min, node.max) && !self.view.sees_only_backs(node)
+    }
+
+    fn error_px(&self, error: f64, node: &Node) -> f64 {
+        self.view.error_px(error, node.min, node.max)
+    }
+
+    fn threshold_px(&self) -> f64 {
+        self.selection.error_threshold_px
+    }
+
+    fn area_px(&self, node: &Node) -> f64 {
+        self.view.area_px(node.min, node.max)
+    }
+}
+
+/// Finds the receivers' front of one model.
 pub fn select(
     skeleton: &Skeleton,
     view: &View,
     selection: Selection,
     is_resident: &dyn Fn(u32, usize) -> bool,
 ) -> Front {
-    let mut search = Search { skeleton, view, selection, is_resident, front: Front::default() };
+    find_front(skeleton, &Receivers { view, selection }, is_resident)
+}
+
+/// Finds a front of one model.
+pub(crate) fn find_front(
+    skeleton: &Skeleton,
+    measure: &dyn Measure,
+    is_resident: &dyn Fn(u32, usize) -> bool,
+) -> Front {
+    let mut search = Search { skeleton, measure, is_resident, front: Front::default() };
     if !skeleton.nodes().is_empty() {
         search.visit(0);
     }
-    let of_border = |draw: &Draw| {
+    let mut front = search.front;
+    for draw in &front.draws {
         let node = &skeleton.nodes()[draw.node as usize];
         let error = node.representations[draw.representation].border_error;
-        view.error_px(error, node.min, node.max)
-    };
-    search.front.border_px = search.front.draws.iter().map(of_border).fold(0.0, f64::max);
-    search
-        .front
-        .wanted
-        .sort_by(|a, b| b.urgency.total_cmp(&a.urgency).then(a.ticket.cmp(&b.ticket)));
-    search.front
+        front.border_error = front.border_error.max(error);
+        front.border_px = front.border_px.max(measure.error_px(error, node));
+        // A leaf is as fine as it gets.
+        if node.children != ChildLink::None {
+            front.error_px = front.error_px.max(draw.error_px);
+        }
+    }
+    front.wanted.sort_by(|a, b| b.urgency.total_cmp(&a.urgency).then(a.ticket.cmp(&b.ticket)));
+    front
 }
 
 struct Search<'a> {
     skeleton: &'a Skeleton,
-    view: &'a View,
-    selection: Selection,
+    measure: &'a dyn Measure,
     is_resident: &'a dyn Fn(u32, usize) -> bool,
     front: Front,
 }
@@ -225,20 +281,17 @@ impl Search<'_> {
     /// case nothing of the node is drawn.
     fn visit(&mut self, index: u32) -> bool {
         let node = &self.skeleton.nodes()[index as usize];
-        if !self.view.sees_box(node.min, node.max) || self.view.sees_only_backs(node) {
+        if !self.measure.is_relevant(node) {
             return true;
         }
-        let Some(representation) = node.representation(self.selection.kind) else { return true };
+        let Some(representation) = node.representation(self.measure.kind()) else { return true };
         let error = node.representations[representation].error;
-        let error_px = self.view.error_px(error, node.min, node.max);
-        let area_px = self.view.area_px(node.min, node.max);
+        let error_px = self.measure.error_px(error, node);
+        let area_px = self.measure.area_px(node);
         let draw = Draw { node: index, representation, error_px, area_px };
         let resident = (self.is_resident)(index, representation);
-        let fine_enough = if self.selection.error_threshold_px > 0.0 {
-            error_px <= self.selection.error_threshold_px
-        } else {
-            false
-        };
+        let threshold = self.measure.threshold_px();
+        let fine_enough = threshold > 0.0 && error_px <= threshold;
 
         if fine_enough || node.children == ChildLink::None {
             self.front.ideal_nodes += 1;

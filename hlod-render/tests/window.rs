@@ -12,7 +12,10 @@ use std::time::{Duration, Instant};
 use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
 use hlod_render::path::CameraPath;
 use hlod_render::picture::{Picture, take};
-use hlod_render::scene::{BACKGROUND, Material, Paint, Representation, Shot, light_from_angles};
+use hlod_render::scene::{
+    BACKGROUND, CASTER_THRESHOLD_PX, Material, Paint, Representation, Shadow, Shot,
+    light_from_angles,
+};
 use hlod_render::{AdapterChoice, Gpu, Model, ModelLimits};
 
 const WIDTH: u32 = 800;
@@ -161,6 +164,9 @@ fn offscreen(file: &Path) -> Picture {
         representation: Representation::Hybrid,
         paint: Paint::Shaded,
         error_threshold_px: 0.5,
+        shadow: Shadow::None,
+        caster_threshold_px: CASTER_THRESHOLD_PX,
+        sample_offset_px: glam::DVec2::ZERO,
         draw_backs: false,
         backs_magenta: false,
     };

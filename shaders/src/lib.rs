@@ -39,7 +39,33 @@ pub const RESOLVE: Pass = Pass {
 /// Shading of the visible surface.
 pub const SHADE: Pass = Pass {
     name: "shade",
-    source: concat!(include_str!("shared.wgsl"), include_str!("shade.wgsl")),
+    source: concat!(
+        include_str!("shared.wgsl"),
+        include_str!("visible.wgsl"),
+        include_str!("shade.wgsl")
+    ),
+};
+
+/// Visible points, as the light sees them, into a grid: `place`, `measure`, `lay_out`, `bin`.
+pub const SAMPLES: Pass = Pass {
+    name: "samples",
+    source: concat!(
+        include_str!("shared.wgsl"),
+        include_str!("visible.wgsl"),
+        include_str!("shadow.wgsl"),
+        include_str!("samples.wgsl")
+    ),
+};
+
+/// Which of these points are hidden from the light: `occlude`, `occlude_tiles`.
+pub const OCCLUDE: Pass = Pass {
+    name: "occlude",
+    source: concat!(
+        include_str!("shared.wgsl"),
+        include_str!("visible.wgsl"),
+        include_str!("shadow.wgsl"),
+        include_str!("occlude.wgsl")
+    ),
 };
 
 /// Levels of detail or borders of nodes instead of shading.
@@ -52,7 +78,8 @@ pub const EXPLAIN: Pass = Pass {
 pub const PANEL: Pass = Pass { name: "panel", source: include_str!("panel.wgsl") };
 
 /// Every pass.
-pub const ALL: [Pass; 7] = [SURFACE, SMALL, LARGE, RESOLVE, SHADE, EXPLAIN, PANEL];
+pub const ALL: [Pass; 9] =
+    [SURFACE, SMALL, LARGE, RESOLVE, SHADE, SAMPLES, OCCLUDE, EXPLAIN, PANEL];
 
 #[cfg(test)]
 mod tests {

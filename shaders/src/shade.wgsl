@@ -1,9 +1,10 @@
 // Shading of the visible surface, once a pixel: the triangle is looked up by its identity and
-// its vertices are interpolated at the pixel's centre (Burns & Hunt, The Visibility Buffer,
-// JCGT 2013).
+// its vertices are interpolated at the pixel's centre.
 
 @group(0) @binding(3) var<storage, read> colours: array<u32>;
 @group(1) @binding(0) var identities: texture_2d<u32>;
+// For each pixel, how much of the light is hidden from its point.
+@group(1) @binding(1) var<storage, read> occlusion: array<u32>;
 
 @vertex
 fn shade_vertex(@builtin(vertex_index) corner: u32) -> @builtin(position) vec4<f32> {
@@ -18,33 +19,12 @@ fn linear_from_srgb(c: vec3<f32>) -> vec3<f32> {
     return select(high, c / 12.92, c <= vec3(0.04045));
 }
 
-fn cross2(a: vec2<f32>, b: vec2<f32>) -> f32 {
-    return a.x * b.y - a.y * b.x;
-}
-
-// Barycentric coordinates, correct in perspective, of the point seen at `pixel`.
-fn barycentric(clip: array<vec4<f32>, 3>, pixel: vec2<f32>) -> vec3<f32> {
-    let ndc = (pixel / vec2<f32>(frame.size.xy) * 2.0 - 1.0) * vec2(1.0, -1.0);
-    // Relative to the pixel first: what remains is small, and so are its rounding errors.
-    let a = clip[0].xy - ndc * clip[0].w;
-    let b = clip[1].xy - ndc * clip[1].w;
-    let c = clip[2].xy - ndc * clip[2].w;
-    let areas = vec3(cross2(b, c), cross2(c, a), cross2(a, b));
-    let sum = areas.x + areas.y + areas.z;
-    if abs(sum) < 1e-30 {
-        return vec3(1.0 / 3.0);
-    }
-    // Seen edge on, rounding can leave the triangle: stay on it.
-    let inside = max(areas / sum, vec3(0.0));
-    return inside / (inside.x + inside.y + inside.z);
-}
-
 @fragment
 fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let identity = textureLoad(identities, vec2<i32>(pixel.xy), 0).x;
-    let number = (identity & ~BACK) - 1u - frame.size.z;
+    let number = triangle_of(identity);
     // Triangles of other arenas are shaded by their own draw.
-    if identity == 0u || number >= arrayLength(&indices) / 3u {
+    if number == NONE {
         discard;
     }
     let back = (identity & BACK) != 0u;
@@ -52,23 +32,18 @@ fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32>
         return vec4(1.0, 0.0, 1.0, 1.0);
     }
 
-    // Fetch and interpolate the corners.
-    var clip: array<vec4<f32>, 3>;
-    var corner: array<vec3<f32>, 3>;
+    let seen = seen_point(number, pixel.xy);
+    let w = seen.weights;
     var normal: array<vec3<f32>, 3>;
     var colour: array<vec3<f32>, 3>;
     for (var i = 0u; i < 3u; i++) {
-        let index = indices[3u * number + i];
-        let v = index & VERTEX;
-        corner[i] = position_of(index);
-        clip[i] = frame.clip_from_model * vec4(corner[i], 1.0);
+        let v = indices[3u * number + i] & VERTEX;
         normal[i] = octahedral(vertices[v].normal);
         if frame.shading.y > 0.5 {
             colour[i] = linear_from_srgb(unpack4x8unorm(colours[v]).rgb);
         }
     }
-    let w = barycentric(clip, pixel.xy);
-    let position = (frame.world_from_model * vec4(w.x * corner[0] + w.y * corner[1] + w.z * corner[2], 1.0)).xyz;
+    let position = seen.world;
     var n = normalize((frame.world_from_model * vec4(w.x * normal[0] + w.y * normal[1] + w.z * normal[2], 0.0)).xyz);
     var albedo = frame.material.rgb;
     if frame.shading.y > 0.5 {
@@ -84,7 +59,11 @@ fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32>
     // Lambert, a little specular (Blinn 1977), and ambient light that comes from above the eye's
     // side so that shadowed parts keep their shape.
     let to_light = normalize(select(frame.light.xyz, frame.light.xyz - position, frame.light.w > 0.5));
-    let diffuse = max(dot(n, to_light), 0.0);
+    var visibility = 1.0;
+    if frame.shadow.x > 0.5 {
+        visibility -= f32(occlusion[u32(pixel.y) * frame.size.x + u32(pixel.x)]) / f32(HIDDEN);
+    }
+    let diffuse = visibility * max(dot(n, to_light), 0.0);
     let half_way = normalize(to_light + to_eye);
     let highlight = frame.material.a * pow(max(dot(n, half_way), 0.0), 24.0) * diffuse;
     let ambient = frame.shading.x * (0.6 + 0.4 * dot(n, to_eye));

@@ -16,6 +16,16 @@ struct Frame {
     // x: ambient share; y: 1 where vertices carry colours; z: 1 to paint backs magenta;
     // w: 1 where backs are drawn like fronts.
     shading: vec4<f32>,
+    // Model space → light space: see shadow.wgsl.
+    light_from_model: mat4x4<f32>,
+    // x: 1 where occlusion is known. Of the light's face: y: least w that is drawn; z: largest
+    // |x| / w and |y| / w, 0 for no limit.
+    shadow: vec4<f32>,
+    // How far from a point what hides it from the light must at least be, world space: x for each
+    // unit of clip.w, plus y, both divided by the cosine of the angle of incidence.
+    bias: vec4<f32>,
+    // The part of the picture in which anything is seen: its first pixel, its width and height.
+    area: vec4<u32>,
     // x, y: size of the picture in pixels; z: number of the arena's first triangle; w: of its
     // first chunk.
     size: vec4<u32>,

@@ -5,7 +5,8 @@ use hlod_render::audit::{AuditOptions, audit};
 use hlod_render::framing::{FOV_Y_DEG, Framing};
 use hlod_render::picture::{Canvas, PICTURE_FORMAT, take};
 use hlod_render::scene::{
-    BACKGROUND, Light, Material, Paint, Representation, Shot, light_from_angles,
+    BACKGROUND, CASTER_THRESHOLD_PX, Light, Material, Paint, Representation, Shadow, Shot,
+    light_from_angles,
 };
 use hlod_render::{Gpu, Model, ModelLimits, frame::Renderer};
 use hlod_tests::{built, bumpy_ball, gpu, scan};
@@ -38,6 +39,9 @@ fn shot(framing: &Framing, representation: Representation) -> Shot {
         representation,
         paint: Paint::Shaded,
         error_threshold_px: 0.5,
+        shadow: Shadow::None,
+        caster_threshold_px: CASTER_THRESHOLD_PX,
+        sample_offset_px: glam::DVec2::ZERO,
         draw_backs: false,
         backs_magenta: false,
     }

@@ -289,7 +289,7 @@ fn draw_layer(
 ) -> Result<(Layer, Picture), RenderError> {
     let canvas = Canvas::new(gpu, width * n, height * n)?;
     // The front is the user's, whatever the number of samples.
-    let shot = Shot { error_threshold_px: shot.error_threshold_px * f64::from(n), ..*shot };
+    let shot = shot.finer(n);
     draw(gpu, renderer, source, &shot, &canvas)?;
     let picture = canvas.picture(gpu)?;
     let identities = canvas.identities(gpu)?;
@@ -314,8 +314,7 @@ fn draw_mask(
     (width, height): (u32, u32),
 ) -> Result<Mask, RenderError> {
     let canvas = Canvas::new(gpu, width, height)?;
-    let threshold = shot.error_threshold_px * f64::from(SUBPIXELS);
-    draw(gpu, renderer, source, &Shot { error_threshold_px: threshold, ..*shot }, &canvas)?;
+    draw(gpu, renderer, source, &shot.finer(SUBPIXELS), &canvas)?;
     let covered = canvas.identities(gpu)?.into_iter().map(|id| id != 0).collect();
     Ok(Mask { width: width as usize, height: height as usize, covered })
 }
@@ -334,7 +333,7 @@ fn draw(
                 return Err(gpu.error(format!("a part of the file is damaged: {problem}")));
             }
         }
-        Source::Reference(reference) => reference.draw(gpu, renderer, shot, &canvas.targets),
+        Source::Reference(reference) => reference.draw(gpu, renderer, shot, &canvas.targets)?,
     }
     Ok(())
 }

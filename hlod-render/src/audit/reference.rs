@@ -82,7 +82,13 @@ impl Reference {
         })
     }
 
-    pub(super) fn draw(&self, gpu: &Gpu, renderer: &mut Renderer, shot: &Shot, targets: &Targets) {
+    pub(super) fn draw(
+        &self,
+        gpu: &Gpu,
+        renderer: &mut Renderer,
+        shot: &Shot,
+        targets: &Targets,
+    ) -> Result<(), RenderError> {
         let uniforms: Vec<_> = self
             .arenas
             .iter()
@@ -104,6 +110,6 @@ impl Reference {
             .iter()
             .map(|s| Range { uniform: s.arena, triangles: s.triangles.clone(), cull_backs: false })
             .collect();
-        renderer.draw_ranges(gpu, &uniforms, &ranges, Rectangle::all(targets), shot, targets);
+        renderer.draw_ranges(gpu, &uniforms, &ranges, Rectangle::all(targets), shot, targets)
     }
 }

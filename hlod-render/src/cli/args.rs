@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use hlod_render::camera::Camera;
 use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
-use hlod_render::scene::{Light, Paint, Representation};
+use hlod_render::scene::{CASTER_THRESHOLD_PX, Light, Paint, Representation, Shadow};
 use hlod_render::{AdapterChoice, Gpu, ModelLimits, RenderError};
 
 /// Show .hlod files, measure how fast and check how truthfully.
@@ -84,10 +84,36 @@ pub struct DrawArgs {
     /// Leave small triangles to the adapter's rasteriser, too, instead of compute.
     #[arg(long)]
     pub fixed_function: bool,
+    /// Shadows: none, hard, or traced, which is the same by rays against every triangle of the scan.
+    #[arg(long, value_enum, default_value = "none")]
+    pub shadow: ShadowArg,
+    /// Largest shift of a shadow's edge by what casts it, in pixels (τ_c).
+    #[arg(long, value_name = "PX", default_value_t = CASTER_THRESHOLD_PX, value_parser = positive)]
+    pub caster_tau: f64,
+    /// Shadows' edges within a pixel up to 60° of incidence: the same as --tau 0.25 --caster-tau 0.25.
+    #[arg(long, conflicts_with_all = ["tau", "caster_tau"])]
+    pub shadow_exact: bool,
     /// AZIMUTH,ELEVATION of parallel light in degrees, relative to the picture: 0,0 comes from the
     /// eye, positive from the right and from above; or RIGHT,UP,FRONT of a lamp (not for audits).
     #[arg(long, value_name = "LIGHT", default_value = "-45,40", value_parser = numbers::<2, 3>, allow_hyphen_values = true)]
     pub light: Numbers,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum ShadowArg {
+    None,
+    Hard,
+    Traced,
+}
+
+impl ShadowArg {
+    pub fn shadow(self) -> Shadow {
+        match self {
+            ShadowArg::None => Shadow::None,
+            ShadowArg::Hard => Shadow::Hard,
+            ShadowArg::Traced => Shadow::Traced,
+        }
+    }
 }
 
 #[derive(Clone, Copy, ValueEnum)]

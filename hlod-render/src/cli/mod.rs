@@ -16,7 +16,7 @@ use hlod_render::camera::Camera;
 use hlod_render::framing::{FOV_Y_DEG, Framing};
 use hlod_render::path::CameraPath;
 use hlod_render::picture::take;
-use hlod_render::scene::{BACKGROUND, Material, Paint, Shot};
+use hlod_render::scene::{BACKGROUND, EXACT_THRESHOLDS_PX, Material, Paint, Shot};
 use hlod_render::{Model, ModelLimits};
 
 use args::{AuditArgs, BenchArgs, Cli, Command, DrawArgs, JsonArgs, ShotArgs};
@@ -70,8 +70,9 @@ fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
     }
     let result = serde_json::json!({
         "output": args.output, "adapter": gpu.describe(), "width": width, "height": height,
-        "tau_px": args.draw.precision.tau, "triangles": stats.triangles, "points": stats.points,
-        "nodes": stats.nodes, "problems": problems,
+        "tau_px": shot.error_threshold_px, "triangles": stats.triangles, "points": stats.points,
+        "nodes": stats.nodes, "shadow": shot.shadow.name(), "caster_triangles": stats.caster_triangles,
+        "caster_nodes": stats.caster_nodes, "problems": problems,
     });
     print(&args.json, &result, || tables::shot(&args.output, &stats, &gpu))
 }
@@ -119,6 +120,10 @@ fn run_audit(cli: &Cli, args: &AuditArgs) -> Outcome {
 }
 
 fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Failure> {
+    let (tau, caster_tau) = match draw.shadow_exact {
+        true => EXACT_THRESHOLDS_PX,
+        false => (draw.precision.tau, draw.caster_tau),
+    };
     Ok(Shot {
         camera,
         light: args::light(&draw.light, &camera, framing),
@@ -126,7 +131,10 @@ fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Fail
         background: BACKGROUND,
         representation: draw.precision.representation.validated().map_err(Failure::Usage)?,
         paint: Paint::Shaded,
-        error_threshold_px: draw.precision.tau,
+        error_threshold_px: tau,
+        shadow: draw.shadow.shadow(),
+        caster_threshold_px: caster_tau,
+        sample_offset_px: glam::DVec2::ZERO,
         draw_backs: false,
         backs_magenta: false,
     })

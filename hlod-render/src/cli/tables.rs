@@ -39,6 +39,7 @@ pub fn bench(r: &BenchReport) -> String {
         ("frame, 99 %", ms(r.frame_ms.p99)),
         ("frame, largest", ms(r.frame_ms.max)),
         ("primitives a frame", format!("{:.0}", r.primitives_mean)),
+        ("… that cast shadows", format!("{:.0}", r.caster_primitives_mean)),
         ("stalled frames", r.stalled_frames.to_string()),
         ("frames coarser than τ", r.frames_over_tau.to_string()),
         ("τ drawn ÷ τ", format!("{:.3}", r.tau_ratio_mean)),

@@ -1,16 +1,21 @@
-//! The GPU passes: the surface (identity and depth), in compute where triangles are small, then shade.
+//! The GPU passes: the surface (identity and depth), in compute where triangles are small; what is
+//! hidden from the light; shade.
 
+mod chunks;
 mod explain;
+mod shadow;
 mod small;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec4};
 
 use crate::arena::Arena;
+use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::scene::{Paint, Shot};
 pub(crate) use explain::DrawnPart;
 use explain::Explain;
+use shadow::{LightFace, Shadow};
 use small::SmallTriangles;
 
 /// What shaders know of a frame, once for each arena; see `Frame` in `shared.wgsl`.
@@ -31,12 +36,20 @@ pub struct FrameUniform {
     pub skirt: Vec4,
     /// Ambient share; colours; backs magenta; backs lit like fronts.
     pub shading: Vec4,
+    /// Model space → light space.
+    pub light_from_model: Mat4,
+    /// Whether occlusion is known; of a light's face: least w, largest tangent or 0.
+    pub shadow: Vec4,
+    /// Least distance of what hides a point: for each unit of depth, and more; world space.
+    pub bias: Vec4,
+    /// The part of the picture in which anything is seen: first pixel, width, height.
+    pub area: [u32; 4],
     /// Width, height, number of the arena's first triangle, and of its first chunk.
     pub size: [u32; 4],
 }
 
-/// Uniforms lie this far apart in their buffer, as every adapter allows.
-const UNIFORM_STRIDE: u64 = 256;
+/// Uniforms lie this far apart in their buffer: a multiple of 256 is what every adapter allows.
+const UNIFORM_STRIDE: u64 = 512;
 
 /// A range of an arena's triangles to draw.
 #[derive(Debug, Clone)]
@@ -56,6 +69,34 @@ pub(crate) struct Drawn<'a> {
     pub(crate) parts: &'a [DrawnPart],
     /// Nothing is seen outside.
     pub(crate) area: Rectangle,
+    pub(crate) shadow: DrawnShadow<'a>,
+}
+
+/// What a frame's shadows are drawn with.
+pub(crate) enum DrawnShadow<'a> {
+    None,
+    /// Ranges to cast, by the numbers of the receivers' uniforms, and the light's faces.
+    Cast {
+        ranges: &'a [Range],
+        faces: &'a [FaceUniforms],
+    },
+    /// For each of the light's faces, what is hidden of points in light space; `None` for pixels
+    /// without one.
+    Traced {
+        faces: &'a [FaceUniforms],
+        hidden: &'a Hidden<'a>,
+    },
+}
+
+/// From a face's number and a point for each pixel, to occlusion in 65535ths.
+pub(crate) type Hidden<'a> = dyn Fn(usize, &[Option<[f32; 3]>]) -> Vec<u32> + 'a;
+
+/// What differs from a frame's uniforms where the light looks at the scene.
+pub(crate) struct FaceUniforms {
+    /// To place points: one for each of the frame's.
+    pub(crate) receivers: Vec<FrameUniform>,
+    /// To draw what casts.
+    pub(crate) casters: Vec<FrameUniform>,
 }
 
 /// A part of a picture, in pixels from its upper left corner.
@@ -84,7 +125,9 @@ pub struct Targets {
     depth: wgpu::Texture,
     /// The picture.
     pub colour: wgpu::TextureView,
-    identity_bind_group: std::sync::OnceLock<wgpu::BindGroup>,
+    identity_view: wgpu::TextureView,
+    /// A number a pixel; made when shadows are first drawn.
+    occlusion: std::sync::OnceLock<wgpu::Buffer>,
 }
 
 const IDENTITY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
@@ -97,11 +140,13 @@ impl Targets {
             | wgpu::TextureUsages::TEXTURE_BINDING
             | wgpu::TextureUsages::COPY_SRC;
         let texture = |label, format| gpu.texture(label, (width, height), format, usage, &[]);
+        let identity = texture("identity", IDENTITY_FORMAT);
         Targets {
-            identity: texture("identity", IDENTITY_FORMAT),
+            identity_view: identity.create_view(&Default::default()),
+            identity,
             depth: texture("depth", DEPTH_FORMAT),
             colour,
-            identity_bind_group: std::sync::OnceLock::new(),
+            occlusion: std::sync::OnceLock::new(),
         }
     }
 
@@ -120,6 +165,20 @@ impl Targets {
         &self.identity
     }
 
+    pub(crate) fn identity_view(&self) -> &wgpu::TextureView {
+        &self.identity_view
+    }
+
+    /// How much of the light is hidden from each pixel's point, in 65535ths, row by row; unknown
+    /// before shadows were drawn and where no point is.
+    pub(crate) fn occlusion(&self, gpu: &Gpu) -> &wgpu::Buffer {
+        self.occlusion.get_or_init(|| {
+            let bytes = 4 * u64::from(self.width()) * u64::from(self.height());
+            let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+            buffer(gpu, "occlusion", bytes, usage)
+        })
+    }
+
     /// Reversed depth, f32.
     pub fn depth(&self) -> &wgpu::Texture {
         &self.depth
@@ -133,6 +192,9 @@ pub(crate) struct Passes {
     shade: wgpu::RenderPipeline,
     explain: Explain,
     small: Option<SmallTriangles>,
+    shadow: Shadow,
+    /// Stands in for occlusion where there are no shadows.
+    unoccluded: wgpu::Buffer,
     geometry_layout: wgpu::BindGroupLayout,
     identity_layout: wgpu::BindGroupLayout,
     uniforms: wgpu::Buffer,
@@ -176,16 +238,19 @@ impl Passes {
         });
         let identity_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("identity"),
-            entries: &[wgpu::BindGroupLayoutEntry {
-                binding: 0,
-                visibility: wgpu::ShaderStages::FRAGMENT,
-                ty: wgpu::BindingType::Texture {
-                    sample_type: wgpu::TextureSampleType::Uint,
-                    view_dimension: wgpu::TextureViewDimension::D2,
-                    multisampled: false,
+            entries: &[
+                wgpu::BindGroupLayoutEntry {
+                    binding: 0,
+                    visibility: wgpu::ShaderStages::FRAGMENT,
+                    ty: wgpu::BindingType::Texture {
+                        sample_type: wgpu::TextureSampleType::Uint,
+                        view_dimension: wgpu::TextureViewDimension::D2,
+                        multisampled: false,
+                    },
+                    count: None,
                 },
-                count: None,
-            }],
+                storage(1, wgpu::ShaderStages::FRAGMENT),
+            ],
         });
         let layout = |label, groups: &[Option<&wgpu::BindGroupLayout>]| {
             device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
@@ -253,13 +318,18 @@ impl Passes {
             uniforms: buffer(gpu, "uniforms", 16 * UNIFORM_STRIDE, wgpu::BufferUsages::UNIFORM),
             indirect: buffer(gpu, "draws", 1024 * 16, wgpu::BufferUsages::INDIRECT),
             small: SmallTriangles::new(gpu, &geometry_layout),
+            shadow: Shadow::new(gpu, &geometry_layout),
+            unoccluded: buffer(gpu, "unoccluded", 4, wgpu::BufferUsages::STORAGE),
             geometry_layout,
             identity_layout,
         }
     }
 
-    /// Submits one frame: all ranges into identity and depth, then one shading draw an arena. Nothing
-    /// outside `area` is drawn.
+    /// Submits one frame: all ranges into identity and depth, shadows, then one shading draw an arena.
+    /// Nothing outside `area` is drawn.
+    ///
+    /// # Errors
+    /// When the picture is too large for shadows, or the device is lost while they are traced.
     pub(crate) fn encode(
         &mut self,
         gpu: &Gpu,
@@ -267,24 +337,51 @@ impl Passes {
         drawn: &Drawn<'_>,
         shot: &Shot,
         targets: &Targets,
-    ) {
+    ) -> Result<(), RenderError> {
         let device = &gpu.device;
         let area = drawn.area;
         let mut ranges: Vec<&Range> = drawn.ranges.iter().collect();
         ranges.sort_by_key(|r| (r.uniform, r.cull_backs, r.triangles.start));
         let mut small = self.small.as_mut().filter(|small| small.fits(gpu, targets));
         let work = small.as_mut().map(|small| small.prepare(gpu, uniforms.len(), &ranges, targets));
-        // Upload the uniforms and the draws, sorted by arena and pipeline.
-        let mut first_chunks: Vec<u32> = vec![0; uniforms.len()];
+        let faces: &[FaceUniforms] = match drawn.shadow {
+            DrawnShadow::None => &[],
+            DrawnShadow::Cast { faces, .. } | DrawnShadow::Traced { faces, .. } => faces,
+        };
+        let shadow_work = match drawn.shadow {
+            DrawnShadow::None => None,
+            DrawnShadow::Cast { .. } | DrawnShadow::Traced { .. } => {
+                Shadow::check(gpu, targets)?;
+                let mut casting: Vec<&Range> = match drawn.shadow {
+                    DrawnShadow::Cast { ranges, .. } => ranges.iter().collect(),
+                    _ => Vec::new(),
+                };
+                casting.sort_by_key(|r| (r.uniform, r.cull_backs, r.triangles.start));
+                Some(self.shadow.prepare(gpu, uniforms.len(), &casting, targets, area))
+            }
+        };
+
+        // Upload the uniforms: the frame's, then each face's, and the draws.
+        let mut all: Vec<FrameUniform> = uniforms.iter().map(|(uniform, _)| *uniform).collect();
         if let Some(work) = &work {
-            first_chunks = work.first_chunks().collect();
+            for (uniform, first) in all.iter_mut().zip(work.first_chunks()) {
+                uniform.size[3] = *first;
+            }
         }
-        let mut bytes = vec![0u8; uniforms.len() * UNIFORM_STRIDE as usize];
-        for (i, (uniform, _)) in uniforms.iter().enumerate() {
-            let at = i * UNIFORM_STRIDE as usize;
-            let mut uniform = *uniform;
-            uniform.size[3] = first_chunks[i];
-            bytes[at..at + size_of::<FrameUniform>()].copy_from_slice(bytemuck::bytes_of(&uniform));
+        for face in faces {
+            all.extend(&face.receivers);
+            let first_chunks = shadow_work.iter().flat_map(|work| work.first_chunks());
+            all.extend(face.casters.iter().zip(first_chunks).map(|(uniform, &first)| {
+                let [width, height, identity, _] = uniform.size;
+                FrameUniform { size: [width, height, identity, first], ..*uniform }
+            }));
+        }
+        for uniform in &mut all {
+            uniform.area = [area.x, area.y, area.width, area.height];
+        }
+        let mut bytes = vec![0u8; all.len() * UNIFORM_STRIDE as usize];
+        for (uniform, place) in all.iter().zip(bytes.chunks_exact_mut(UNIFORM_STRIDE as usize)) {
+            place[..size_of::<FrameUniform>()].copy_from_slice(bytemuck::bytes_of(uniform));
         }
         write_growing(gpu, &mut self.uniforms, &bytes);
         let draws: Vec<[u32; 4]> = ranges
@@ -292,45 +389,34 @@ impl Passes {
             .map(|r| [3 * (r.triangles.end - r.triangles.start), 1, 3 * r.triangles.start, 0])
             .collect();
         write_growing(gpu, &mut self.indirect, bytemuck::cast_slice(&draws));
-
-        let bind_groups: Vec<wgpu::BindGroup> = uniforms
-            .iter()
-            .map(|(_, arena)| {
-                let entries = [
-                    wgpu::BindGroupEntry {
-                        binding: 0,
-                        resource: wgpu::BindingResource::Buffer(wgpu::BufferBinding {
-                            buffer: &self.uniforms,
-                            offset: 0,
-                            size: std::num::NonZeroU64::new(size_of::<FrameUniform>() as u64),
-                        }),
-                    },
-                    entry(1, &arena.vertices),
-                    entry(2, &arena.indices),
-                    entry(3, &arena.colours),
-                ];
-                device.create_bind_group(&wgpu::BindGroupDescriptor {
-                    label: Some("geometry"),
-                    layout: &self.geometry_layout,
-                    entries: &entries,
-                })
+        let bind_groups: Vec<wgpu::BindGroup> = {
+            let of_arena =
+                |arena| geometry_group(gpu, &self.geometry_layout, &self.uniforms, arena);
+            uniforms.iter().map(|(_, arena)| of_arena(*arena)).collect()
+        };
+        // The same arenas with the uniforms that begin at a number.
+        let geometry = |first: usize| -> Vec<(&wgpu::BindGroup, u32)> {
+            let offset = |i: usize| ((first + i) as u64 * UNIFORM_STRIDE) as u32;
+            bind_groups.iter().enumerate().map(|(i, group)| (group, offset(i))).collect()
+        };
+        let light_faces: Vec<LightFace<'_>> = (0..faces.len())
+            .map(|f| LightFace {
+                receivers: geometry((1 + 2 * f) * uniforms.len()),
+                casters: geometry((2 + 2 * f) * uniforms.len()),
             })
             .collect();
-        let offset = |i: usize| [(i as u64 * UNIFORM_STRIDE) as u32];
+        let geometry = geometry(0);
 
         let mut encoder = device.create_command_encoder(&Default::default());
-        let geometry: Vec<(&wgpu::BindGroup, u32)> =
-            bind_groups.iter().enumerate().map(|(i, group)| (group, offset(i)[0])).collect();
         let small = small.map(|small| &*small).zip(work.as_ref());
         if let Some((small, work)) = small {
             small.rasterise(&mut encoder, work, &geometry, targets);
         }
-        let identity_view = targets.identity.create_view(&Default::default());
         let depth_view = targets.depth.create_view(&Default::default());
         {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("surface"),
-                color_attachments: &[attachment(&identity_view, wgpu::Color::TRANSPARENT)],
+                color_attachments: &[attachment(&targets.identity_view, wgpu::Color::TRANSPARENT)],
                 depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                     view: &depth_view,
                     depth_ops: Some(wgpu::Operations {
@@ -356,13 +442,26 @@ impl Passes {
                 } else {
                     &self.surface_two_sided
                 });
-                pass.set_bind_group(0, &bind_groups[uniform], &offset(uniform));
+                let (bind_group, offset) = geometry[uniform];
+                pass.set_bind_group(0, bind_group, &[offset]);
                 pass.multi_draw_indirect(&self.indirect, first * 16, group.len() as u32);
                 first += group.len() as u64;
             }
         }
+        match (&drawn.shadow, &shadow_work) {
+            (DrawnShadow::Cast { .. }, Some(work)) => {
+                self.shadow.encode(gpu, &mut encoder, work, &light_faces, targets);
+            }
+            (DrawnShadow::Traced { hidden, .. }, Some(work)) => {
+                gpu.queue.submit([encoder.finish()]);
+                self.shadow.trace(gpu, work, &light_faces, *hidden, targets)?;
+                encoder = device.create_command_encoder(&Default::default());
+            }
+            _ => {}
+        }
         let is_explained = shot.paint != Paint::Shaded && !drawn.parts.is_empty();
-        let explained = is_explained.then(|| self.explain.parts(gpu, drawn.parts, &identity_view));
+        let explained =
+            is_explained.then(|| self.explain.parts(gpu, drawn.parts, &targets.identity_view));
         {
             let [r, g, b] = shot.background.to_array().map(f64::from);
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -375,31 +474,64 @@ impl Passes {
                 }),
                 ..Default::default()
             });
-            let identities = targets.identity_bind_group.get_or_init(|| {
-                device.create_bind_group(&wgpu::BindGroupDescriptor {
-                    label: Some("identity"),
-                    layout: &self.identity_layout,
-                    entries: &[wgpu::BindGroupEntry {
+            let occlusion = match drawn.shadow {
+                DrawnShadow::None => &self.unoccluded,
+                _ => targets.occlusion(gpu),
+            };
+            let seen = device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("identity"),
+                layout: &self.identity_layout,
+                entries: &[
+                    wgpu::BindGroupEntry {
                         binding: 0,
-                        resource: wgpu::BindingResource::TextureView(&identity_view),
-                    }],
-                })
+                        resource: wgpu::BindingResource::TextureView(&targets.identity_view),
+                    },
+                    entry(1, occlusion),
+                ],
             });
             pass.set_scissor_rect(area.x, area.y, area.width, area.height);
             match &explained {
                 None => {
                     pass.set_pipeline(&self.shade);
-                    pass.set_bind_group(1, identities, &[]);
+                    pass.set_bind_group(1, &seen, &[]);
                 }
                 Some(parts) => self.explain.begin(&mut pass, parts, shot.paint),
             }
-            for (i, bind_group) in bind_groups.iter().enumerate() {
-                pass.set_bind_group(0, bind_group, &offset(i));
+            for &(bind_group, offset) in &geometry {
+                pass.set_bind_group(0, bind_group, &[offset]);
                 pass.draw(0..3, 0..1);
             }
         }
         gpu.queue.submit([encoder.finish()]);
+        Ok(())
     }
+}
+
+/// An arena and a uniform, whose place in the buffer is given when it is bound.
+fn geometry_group(
+    gpu: &Gpu,
+    layout: &wgpu::BindGroupLayout,
+    uniforms: &wgpu::Buffer,
+    arena: &Arena,
+) -> wgpu::BindGroup {
+    let entries = [
+        wgpu::BindGroupEntry {
+            binding: 0,
+            resource: wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                buffer: uniforms,
+                offset: 0,
+                size: std::num::NonZeroU64::new(size_of::<FrameUniform>() as u64),
+            }),
+        },
+        entry(1, &arena.vertices),
+        entry(2, &arena.indices),
+        entry(3, &arena.colours),
+    ];
+    gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("geometry"),
+        layout,
+        entries: &entries,
+    })
 }
 
 fn entry(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {

@@ -3,26 +3,9 @@
 //! `small` takes every triangle; what is too large for it, or has to be clipped, goes to a list that
 //! `large` draws; `resolve` then lays what `small` found over that, where it is nearer.
 
-use bytemuck::{Pod, Zeroable};
-
+use super::chunks::Chunks;
 use super::{DEPTH_FORMAT, IDENTITY_FORMAT, Range, Targets, buffer, entry, write_growing};
 use crate::gpu::Gpu;
-
-/// Triangles of one workgroup.
-const CHUNK: u32 = 64;
-/// Workgroups in a row of a dispatch, at most.
-const ROW: u32 = 32_768;
-const CULLED: u32 = 1 << 31;
-
-/// See `Chunk` in `small.wgsl`.
-#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
-#[repr(C)]
-struct Chunk {
-    first: u32,
-    count: u32,
-    draw: u32,
-    large: u32,
-}
 
 pub(super) struct SmallTriangles {
     small: wgpu::ComputePipeline,
@@ -41,8 +24,7 @@ pub(super) struct SmallTriangles {
 
 /// What one frame gives to the passes.
 pub(super) struct Work {
-    /// For each uniform, its first chunk and their number.
-    chunks: Vec<(u32, u32)>,
+    chunks: Chunks,
     compute: wgpu::BindGroup,
     list: wgpu::BindGroup,
     words: wgpu::BindGroup,
@@ -164,34 +146,10 @@ impl SmallTriangles {
         ranges: &[&Range],
         targets: &Targets,
     ) -> Work {
-        let mut chunks: Vec<Chunk> = Vec::new();
-        let mut of_uniform = vec![(0, 0); uniform_count];
-        let mut draws = vec![[0u32, 1, 0, 0]; uniform_count];
-        let mut triangles = 0;
-        for group in ranges.chunk_by(|a, b| a.uniform == b.uniform) {
-            let uniform = group[0].uniform;
-            let (first_chunk, first_in_list) = (chunks.len() as u32, triangles);
-            for range in group {
-                let culled = if range.cull_backs { CULLED } else { 0 };
-                let Range { triangles: std::ops::Range { start, end }, .. } = **range;
-                triangles += end - start;
-                chunks.extend((start..end).step_by(CHUNK as usize).map(|first| Chunk {
-                    first,
-                    count: (end - first).min(CHUNK) | culled,
-                    draw: uniform as u32,
-                    large: first_in_list,
-                }));
-            }
-            of_uniform[uniform] = (first_chunk, chunks.len() as u32 - first_chunk);
-            draws[uniform][2] = 3 * first_in_list;
-            // A dispatch may have more workgroups than there are chunks: to these the next ones'
-            // would be given.
-            let rows = of_uniform[uniform].1.div_ceil(ROW);
-            let padded = rows * of_uniform[uniform].1.div_ceil(rows.max(1));
-            chunks.resize((first_chunk + padded) as usize, Chunk::default());
-        }
-        chunks.push(Chunk::default());
-        write_growing(gpu, &mut self.chunks, bytemuck::cast_slice(&chunks));
+        let chunks = Chunks::new(uniform_count, ranges);
+        let draws: Vec<[u32; 4]> =
+            chunks.first_in_list.iter().map(|&first| [0, 1, 3 * first, 0]).collect();
+        write_growing(gpu, &mut self.chunks, bytemuck::cast_slice(&chunks.chunks));
         write_growing(gpu, &mut self.draws, bytemuck::cast_slice(&draws));
         let usage = wgpu::BufferUsages::STORAGE;
         let grow = |target: &mut wgpu::Buffer, label, bytes: u64| {
@@ -200,7 +158,11 @@ impl SmallTriangles {
             }
         };
         grow(&mut self.pixels, "pixels", pixel_bytes(targets));
-        grow(&mut self.list, "large triangles", 4 * u64::from(triangles).next_power_of_two());
+        grow(
+            &mut self.list,
+            "large triangles",
+            4 * u64::from(chunks.triangles).next_power_of_two(),
+        );
         let group = |label, layout, entries: &[wgpu::BindGroupEntry<'_>]| {
             let descriptor = wgpu::BindGroupDescriptor { label: Some(label), layout, entries };
             gpu.device.create_bind_group(&descriptor)
@@ -212,7 +174,7 @@ impl SmallTriangles {
             entry(3, &self.draws),
         ];
         Work {
-            chunks: of_uniform,
+            chunks,
             compute: group("small", &self.compute_layout, &compute),
             list: group("large", &self.list_layout, &[entry(0, &self.list)]),
             words: group("resolve", &self.list_layout, &[entry(0, &self.pixels)]),
@@ -234,12 +196,9 @@ impl SmallTriangles {
         });
         pass.set_pipeline(&self.small);
         pass.set_bind_group(1, &work.compute, &[]);
-        for (&(_, count), &(bind_group, offset)) in work.chunks.iter().zip(geometry) {
-            if count > 0 {
-                let rows = count.div_ceil(ROW);
-                pass.set_bind_group(0, bind_group, &[offset]);
-                pass.dispatch_workgroups(count.div_ceil(rows), rows, 1);
-            }
+        for (uniform, &(bind_group, offset)) in geometry.iter().enumerate() {
+            pass.set_bind_group(0, bind_group, &[offset]);
+            work.chunks.dispatch(&mut pass, uniform);
         }
     }
 
@@ -252,10 +211,8 @@ impl SmallTriangles {
     ) {
         pass.set_pipeline(&self.large);
         pass.set_bind_group(1, &work.list, &[]);
-        for (i, (&(_, count), &(bind_group, offset))) in
-            work.chunks.iter().zip(geometry).enumerate()
-        {
-            if count > 0 {
+        for (i, &(bind_group, offset)) in geometry.iter().enumerate() {
+            if work.chunks.counts[i] > 0 {
                 pass.set_bind_group(0, bind_group, &[offset]);
                 pass.draw_indirect(&self.draws, 16 * i as u64);
             }
@@ -271,8 +228,8 @@ impl SmallTriangles {
 
 impl Work {
     /// The number of each uniform's first chunk.
-    pub(super) fn first_chunks(&self) -> impl Iterator<Item = u32> + '_ {
-        self.chunks.iter().map(|chunks| chunks.0)
+    pub(super) fn first_chunks(&self) -> &[u32] {
+        &self.chunks.firsts
     }
 }
 

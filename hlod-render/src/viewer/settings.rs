@@ -4,7 +4,9 @@ use glam::Vec3;
 
 use super::light::{LightAngles, UPPER_LEFT};
 use crate::camera::Camera;
-use crate::scene::{BACKGROUND, Material, Paint, Representation, Shot};
+use crate::scene::{
+    BACKGROUND, CASTER_THRESHOLD_PX, Material, Paint, Representation, Shadow, Shot,
+};
 
 /// Looks and precision.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,6 +55,9 @@ impl Settings {
             representation: self.representation,
             paint: self.paint,
             error_threshold_px: self.error_threshold_px * tau_factor,
+            shadow: Shadow::None,
+            caster_threshold_px: CASTER_THRESHOLD_PX,
+            sample_offset_px: glam::DVec2::ZERO,
             draw_backs: false,
             backs_magenta: false,
         }

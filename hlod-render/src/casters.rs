@@ -1,0 +1,220 @@
+//! The casters' front: which nodes cast shadows on what is seen, and how fine they must be (Guthe et
+//! al. 2004, section 6.1, made conservative).
+//!
+//! Visible nodes are grouped by their depth in the octree. Round each group lies the smallest box
+//! along the camera's axes, and round that, seen from the light, the smallest frustum: what is outside
+//! all frusta hides nothing that is seen. A caster that is wrong by ε moves its shadow's edge by at most
+//! ε · (distance from the light to the receiver) ÷ (distance from the light to the caster), so it may
+//! be wrong by
+//!
+//! ```text
+//! ε_c = a · d_l,min ÷ D_max        parallel light: ε_c = a
+//! ```
+//!
+//! with a the length that τ_c pixels show at the nearest point of the group's box, d_l,min the least
+//! distance from the light to the caster's box, D_max the largest to a corner of the group's. The
+//! paper has the receivers' *stored* error in place of a, which would ask for leaves wherever leaves
+//! are seen.
+
+use glam::{DMat4, DVec2, DVec3};
+use hlod_compress::RepresentationKind;
+
+use crate::camera::{Camera, Projection};
+use crate::scene::Light;
+use crate::select::{Front, Measure, corners, find_front};
+use crate::skeleton::{Node, Skeleton};
+
+/// Visible nodes of one depth.
+#[derive(Debug, Clone)]
+struct Receivers {
+    /// Lowest and highest corner of the box along the camera's axes, view space.
+    low: DVec3,
+    high: DVec3,
+}
+
+/// Which parts of one model may cast on what is seen.
+#[derive(Debug, Clone)]
+pub struct CasterView {
+    world_from_model: DMat4,
+    scale: f64,
+    light: Light,
+    frusta: Vec<Frustum>,
+    /// τ_c.
+    threshold_px: f64,
+}
+
+/// What may hide one group's box from the light.
+#[derive(Debug, Clone)]
+struct Frustum {
+    /// `dot(normal, p) <= offset` for every relevant p in world space; of lights within the box none.
+    planes: Vec<(DVec3, f64)>,
+    /// Pixels that a unit of length shows at its nearest point.
+    pixels: f64,
+    /// Largest distance from the light to the box; parallel light: 1.
+    reach: f64,
+}
+
+impl CasterView {
+    /// For the nodes drawn of any model, by depth, given by corners of their boxes in world space;
+    /// `threshold_px` is τ_c.
+    pub fn new(
+        camera: &Camera,
+        (width, height): (u32, u32),
+        light: Light,
+        receivers: &[(u8, [DVec3; 8])],
+        threshold_px: f64,
+        world_from_model: DMat4,
+    ) -> CasterView {
+        let aspect = f64::from(width) / f64::from(height);
+        let half = camera.half_extent(aspect);
+        let view_from_world = camera.view_from_world();
+        let perspective = matches!(camera.projection, Projection::Perspective { .. });
+        let mut groups: std::collections::BTreeMap<u8, Receivers> = Default::default();
+        for (depth, corners) in receivers {
+            let group = groups
+                .entry(*depth)
+                .or_insert(Receivers { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY });
+            for &corner in corners {
+                let p = view_from_world.transform_point3(corner);
+                group.low = group.low.min(p);
+                group.high = group.high.max(p);
+            }
+        }
+        let frusta = groups.into_values().filter_map(|Receivers { mut low, mut high }| {
+            // Only what is within the picture is seen; −z is ahead.
+            let mut sides = half;
+            if perspective {
+                high.z = high.z.min(-camera.near);
+                sides *= -low.z;
+            }
+            let sides = sides.extend(f64::INFINITY);
+            low = low.max(-sides);
+            high = high.min(sides);
+            if low.cmpgt(high).any() {
+                return None;
+            }
+            let depth = if perspective { -high.z } else { 1.0 };
+            let pixels = f64::from(height) / (2.0 * half.y * depth);
+            let world_from_view = view_from_world.inverse();
+            let box_corners = corners(low, high).map(|p| world_from_view.transform_point3(p));
+            Some(Frustum::new(light, &box_corners, camera.axes()[0], pixels))
+        });
+        CasterView {
+            world_from_model,
+            scale: world_from_model.x_axis.truncate().length(),
+            light,
+            frusta: frusta.collect(),
+            threshold_px,
+        }
+    }
+}
+
+impl Frustum {
+    fn new(light: Light, receivers: &[DVec3; 8], right: DVec3, pixels: f64) -> Frustum {
+        match light {
+            Light::Directional(towards) => {
+                let towards = towards.normalize_or(DVec3::Y);
+                let u = (right - towards * right.dot(towards))
+                    .try_normalize()
+                    .unwrap_or_else(|| towards.any_orthonormal_vector());
+                let v = towards.cross(u);
+                let most = |n: DVec3| receivers.iter().map(|p| n.dot(*p)).fold(f64::MIN, f64::max);
+                // Beyond the farthest receiver nothing casts; towards the light there is no end.
+                let planes = [u, -u, v, -v, -towards].map(|n| (n, most(n)));
+                Frustum { planes: planes.to_vec(), pixels, reach: 1.0 }
+            }
+            Light::Point(light) => {
+                let reach = receivers.iter().map(|p| p.distance(light)).fold(0.0, f64::max);
+                let middle = receivers.iter().sum::<DVec3>() / 8.0;
+                let axis = (middle - light).normalize_or(DVec3::Y);
+                let farthest = receivers.iter().map(|p| axis.dot(*p)).fold(f64::MIN, f64::max);
+                let ahead = |p: &DVec3| axis.dot(*p - light);
+                // Where the box surrounds the light, whatever is nearer than its corners may cast.
+                if receivers.iter().any(|p| ahead(p) <= 1e-3 * reach) {
+                    let balls = [DVec3::X, DVec3::Y, DVec3::Z].into_iter();
+                    let planes =
+                        balls.flat_map(|n| [n, -n]).map(|n| (n, n.dot(light) + reach)).collect();
+                    return Frustum { planes, pixels, reach };
+                }
+                let u = (right - axis * right.dot(axis))
+                    .try_normalize()
+                    .unwrap_or_else(|| axis.any_orthonormal_vector());
+                let v = axis.cross(u);
+                let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+                for p in receivers {
+                    let tangent = DVec2::new(u.dot(*p - light), v.dot(*p - light)) / ahead(p);
+                    low = low.min(tangent);
+                    high = high.max(tangent);
+                }
+                // Through the light; (u − high·axis)·(p − light) ≤ 0 and so on.
+                let sides =
+                    [u - axis * high.x, axis * low.x - u, v - axis * high.y, axis * low.y - v];
+                let mut planes: Vec<_> = sides.iter().map(|n| (*n, n.dot(light))).collect();
+                planes.push((-axis, -axis.dot(light)));
+                planes.push((axis, farthest));
+                Frustum { planes, pixels, reach }
+            }
+        }
+    }
+
+    /// Whether a box may be in it: not all of it is beyond one plane.
+    fn may_hold(&self, corners: &[DVec3; 8]) -> bool {
+        self.planes.iter().all(|(n, offset)| {
+            // What rounding may do to the products.
+            let slack = 1e-12 * (offset.abs() + n.length());
+            corners.iter().any(|p| n.dot(*p) <= offset + slack)
+        })
+    }
+}
+
+/// The least distance from a point to a box in another space; boxes stay boxes in all that models
+/// are placed by, so the nearest point is found in model space.
+fn distance_to_box(world_from_model: &DMat4, scale: f64, light: DVec3, node: &Node) -> f64 {
+    let local = world_from_model.inverse().transform_point3(light);
+    local.distance(local.clamp(node.min, node.max)) * scale
+}
+
+impl Measure for CasterView {
+    fn kind(&self) -> RepresentationKind {
+        RepresentationKind::Geometric
+    }
+
+    fn is_relevant(&self, node: &Node) -> bool {
+        let corners =
+            corners(node.min, node.max).map(|p| self.world_from_model.transform_point3(p));
+        self.frusta.iter().any(|f| f.may_hold(&corners))
+    }
+
+    /// Pixels by which a shadow's edge moves at most.
+    fn error_px(&self, error: f64, node: &Node) -> f64 {
+        if error == 0.0 {
+            return 0.0;
+        }
+        let corners =
+            corners(node.min, node.max).map(|p| self.world_from_model.transform_point3(p));
+        let distance = match self.light {
+            Light::Directional(_) => 1.0,
+            Light::Point(light) => distance_to_box(&self.world_from_model, self.scale, light, node),
+        };
+        let relevant = self.frusta.iter().filter(|f| f.may_hold(&corners));
+        relevant.map(|f| error * self.scale * f.pixels * f.reach / distance).fold(0.0, f64::max)
+    }
+
+    fn threshold_px(&self) -> f64 {
+        self.threshold_px
+    }
+
+    fn area_px(&self, node: &Node) -> f64 {
+        let pixels = self.frusta.iter().map(|f| f.pixels).fold(0.0, f64::max);
+        ((node.max - node.min).length() / 2.0 * self.scale * pixels).powi(2)
+    }
+}
+
+/// Finds what of one model casts on what is seen.
+pub fn select_casters(
+    skeleton: &Skeleton,
+    view: &CasterView,
+    is_resident: &dyn Fn(u32, usize) -> bool,
+) -> Front {
+    find_front(skeleton, view, is_resident)
+}

@@ -1,0 +1,293 @@
+//! Hard shadows, exact at every pixel: see `shadow.wgsl`.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::chunks::Chunks;
+use super::{Hidden, Range, Rectangle, Targets, buffer, entry, write_growing};
+use crate::error::RenderError;
+use crate::gpu::Gpu;
+use crate::traced::HIDDEN;
+
+/// See `Sample` in `shadow.wgsl`.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Sample {
+    place: [f32; 3],
+    next: u32,
+}
+
+const ABSENT: u32 = u32::MAX;
+const TURNED: u32 = u32::MAX - 1;
+const SAMPLE_BYTES: u64 = size_of::<Sample>() as u64;
+/// Bytes of `Grid`.
+const GRID_BYTES: u64 = 48;
+/// Bytes of a tile, and how many there is room for; what is beyond is done where it is found.
+const TILE_BYTES: u64 = 64;
+const TILES: u64 = 1 << 15;
+/// Workgroups that share the tiles.
+const TILE_GROUPS: u32 = 256;
+/// Pixels of a workgroup's side.
+const SIDE: u32 = 8;
+/// Pixels that `measure` has in a column, and columns of a workgroup.
+const COLUMN: u32 = 64;
+const CELLS_MIN: u64 = 1 << 12;
+
+pub(super) struct Shadow {
+    place: wgpu::ComputePipeline,
+    measure: wgpu::ComputePipeline,
+    lay_out: wgpu::ComputePipeline,
+    bin: wgpu::ComputePipeline,
+    occlude: wgpu::ComputePipeline,
+    occlude_tiles: wgpu::ComputePipeline,
+    layout: wgpu::BindGroupLayout,
+    samples: wgpu::Buffer,
+    grid: wgpu::Buffer,
+    cells: wgpu::Buffer,
+    tiles: wgpu::Buffer,
+    chunks: wgpu::Buffer,
+}
+
+/// One picture as the light sees the scene: the uniforms of the receivers, then those of the
+/// casters, as bind groups with offsets.
+pub(super) struct LightFace<'a> {
+    pub(super) receivers: Vec<(&'a wgpu::BindGroup, u32)>,
+    pub(super) casters: Vec<(&'a wgpu::BindGroup, u32)>,
+}
+
+/// What one frame gives to the passes.
+pub(super) struct Work {
+    chunks: Chunks,
+    bind_group: wgpu::BindGroup,
+    area: Rectangle,
+}
+
+impl Shadow {
+    pub(super) fn new(gpu: &Gpu, geometry_layout: &wgpu::BindGroupLayout) -> Shadow {
+        let device = &gpu.device;
+        let binding = |binding, ty| wgpu::BindGroupLayoutEntry {
+            binding,
+            visibility: wgpu::ShaderStages::COMPUTE,
+            ty,
+            count: None,
+        };
+        let storage = |read_only| wgpu::BindingType::Buffer {
+            ty: wgpu::BufferBindingType::Storage { read_only },
+            has_dynamic_offset: false,
+            min_binding_size: None,
+        };
+        let identities = wgpu::BindingType::Texture {
+            sample_type: wgpu::TextureSampleType::Uint,
+            view_dimension: wgpu::TextureViewDimension::D2,
+            multisampled: false,
+        };
+        let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("shadow"),
+            entries: &[
+                binding(0, identities),
+                binding(1, storage(false)),
+                binding(2, storage(false)),
+                binding(3, storage(false)),
+                binding(4, storage(false)),
+                binding(5, storage(true)),
+                binding(6, storage(false)),
+            ],
+        });
+        let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("shadow"),
+            bind_group_layouts: &[Some(geometry_layout), Some(&layout)],
+            immediate_size: 0,
+        });
+        let module = |pass: hlod_shaders::Pass| {
+            device.create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(pass.name),
+                source: wgpu::ShaderSource::Wgsl(pass.source.into()),
+            })
+        };
+        let pipeline = |module, entry_point| {
+            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(entry_point),
+                layout: Some(&pipeline_layout),
+                module,
+                entry_point: Some(entry_point),
+                compilation_options: Default::default(),
+                cache: None,
+            })
+        };
+        let samples = module(hlod_shaders::SAMPLES);
+        let occlude = module(hlod_shaders::OCCLUDE);
+        let usage = wgpu::BufferUsages::STORAGE;
+        Shadow {
+            place: pipeline(&samples, "place"),
+            measure: pipeline(&samples, "measure"),
+            lay_out: pipeline(&samples, "lay_out"),
+            bin: pipeline(&samples, "bin"),
+            occlude: pipeline(&occlude, "occlude"),
+            occlude_tiles: pipeline(&occlude, "occlude_tiles"),
+            layout,
+            samples: buffer(gpu, "samples", SAMPLE_BYTES, usage | wgpu::BufferUsages::COPY_SRC),
+            grid: buffer(gpu, "grid", GRID_BYTES, usage),
+            cells: buffer(gpu, "cells", 4 * CELLS_MIN, usage),
+            tiles: buffer(gpu, "tiles", TILE_BYTES * (TILES + 1), usage),
+            chunks: buffer(gpu, "caster chunks", 1 << 16, usage),
+        }
+    }
+
+    /// # Errors
+    /// When there are more pixels than one binding holds samples of.
+    pub(super) fn check(gpu: &Gpu, targets: &Targets) -> Result<(), RenderError> {
+        let most = gpu.device.limits().max_storage_buffer_binding_size / SAMPLE_BYTES;
+        let pixels = u64::from(targets.width()) * u64::from(targets.height());
+        if pixels > most {
+            return Err(RenderError::Usage(format!(
+                "a picture of {pixels} samples: this adapter has room for shadows on {most}; \
+                 choose a smaller picture or less supersampling"
+            )));
+        }
+        Ok(())
+    }
+
+    /// Uploads a frame's chunks; `ranges` of casters come in the order of their uniforms.
+    pub(super) fn prepare(
+        &mut self,
+        gpu: &Gpu,
+        uniform_count: usize,
+        ranges: &[&Range],
+        targets: &Targets,
+        area: Rectangle,
+    ) -> Work {
+        let chunks = Chunks::new(uniform_count, ranges);
+        write_growing(gpu, &mut self.chunks, bytemuck::cast_slice(&chunks.chunks));
+        let pixels = u64::from(targets.width()) * u64::from(targets.height());
+        // About two cells a sample where half of the area is covered.
+        let cells = (u64::from(area.width) * u64::from(area.height)).max(CELLS_MIN);
+        for (target, bytes) in
+            [(&mut self.samples, SAMPLE_BYTES * pixels), (&mut self.cells, 4 * cells)]
+        {
+            if target.size() < bytes {
+                *target = buffer(gpu, "shadow", bytes, target.usage());
+            }
+        }
+        let cells = wgpu::BufferBinding {
+            buffer: &self.cells,
+            offset: 0,
+            size: std::num::NonZeroU64::new(4 * cells),
+        };
+        let entries = [
+            wgpu::BindGroupEntry {
+                binding: 0,
+                resource: wgpu::BindingResource::TextureView(targets.identity_view()),
+            },
+            entry(1, &self.samples),
+            entry(2, &self.grid),
+            wgpu::BindGroupEntry { binding: 3, resource: wgpu::BindingResource::Buffer(cells) },
+            entry(4, targets.occlusion(gpu)),
+            entry(5, &self.chunks),
+            entry(6, &self.tiles),
+        ];
+        let bind_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("shadow"),
+            layout: &self.layout,
+            entries: &entries,
+        });
+        Work { chunks, bind_group, area }
+    }
+
+    /// Finds which visible points are hidden, for every face of the light.
+    pub(super) fn encode(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        work: &Work,
+        faces: &[LightFace<'_>],
+        targets: &Targets,
+    ) {
+        encoder.clear_buffer(targets.occlusion(gpu), 0, None);
+        let Rectangle { width, height, .. } = work.area;
+        let (columns, rows) = (width.div_ceil(SIDE), height.div_ceil(SIDE));
+        for face in faces {
+            encoder.clear_buffer(&self.grid, 0, None);
+            encoder.clear_buffer(&self.cells, 0, None);
+            // Their number.
+            encoder.clear_buffer(&self.tiles, 0, Some(16));
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("shadow"),
+                timestamp_writes: None,
+            });
+            pass.set_bind_group(1, &work.bind_group, &[]);
+            pass.set_pipeline(&self.place);
+            for &(bind_group, offset) in &face.receivers {
+                pass.set_bind_group(0, bind_group, &[offset]);
+                pass.dispatch_workgroups(columns, rows, 1);
+            }
+            let Some(&(bind_group, offset)) = face.casters.first() else { continue };
+            pass.set_bind_group(0, bind_group, &[offset]);
+            pass.set_pipeline(&self.measure);
+            pass.dispatch_workgroups(width.div_ceil(COLUMN), height.div_ceil(COLUMN), 1);
+            pass.set_pipeline(&self.lay_out);
+            pass.dispatch_workgroups(1, 1, 1);
+            pass.set_pipeline(&self.bin);
+            pass.dispatch_workgroups(columns, rows, 1);
+            pass.set_pipeline(&self.occlude);
+            for (uniform, &(bind_group, offset)) in face.casters.iter().enumerate() {
+                pass.set_bind_group(0, bind_group, &[offset]);
+                work.chunks.dispatch(&mut pass, uniform);
+            }
+            pass.set_pipeline(&self.occlude_tiles);
+            pass.dispatch_workgroups(TILE_GROUPS, 1, 1);
+        }
+    }
+}
+
+impl Shadow {
+    /// The same, but `hidden` says what is; waits for the GPU.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub(super) fn trace(
+        &self,
+        gpu: &Gpu,
+        work: &Work,
+        faces: &[LightFace<'_>],
+        hidden: &Hidden<'_>,
+        targets: &Targets,
+    ) -> Result<(), RenderError> {
+        let Rectangle { width, height, .. } = work.area;
+        let (columns, rows) = (width.div_ceil(SIDE), height.div_ceil(SIDE));
+        let pixels = targets.width() as usize * targets.height() as usize;
+        let mut occlusion = vec![0u32; pixels];
+        // Where nothing is seen no sample is placed.
+        let none = vec![Sample { place: [0.0; 3], next: ABSENT }; pixels];
+        for (f, face) in faces.iter().enumerate() {
+            gpu.queue.write_buffer(&self.samples, 0, bytemuck::cast_slice(&none));
+            let mut encoder = gpu.device.create_command_encoder(&Default::default());
+            {
+                let mut pass = encoder.begin_compute_pass(&Default::default());
+                pass.set_bind_group(1, &work.bind_group, &[]);
+                pass.set_pipeline(&self.place);
+                for &(bind_group, offset) in &face.receivers {
+                    pass.set_bind_group(0, bind_group, &[offset]);
+                    pass.dispatch_workgroups(columns, rows, 1);
+                }
+            }
+            gpu.queue.submit([encoder.finish()]);
+            let bytes = gpu.read_buffer(&self.samples, SAMPLE_BYTES * pixels as u64)?;
+            let samples: Vec<Sample> = bytemuck::pod_collect_to_vec(&bytes);
+            let placed: Vec<Option<[f32; 3]>> =
+                samples.iter().map(|s| (s.next < TURNED).then_some(s.place)).collect();
+            for ((sum, part), sample) in occlusion.iter_mut().zip(hidden(f, &placed)).zip(&samples)
+            {
+                let turned = if sample.next == TURNED { HIDDEN } else { 0 };
+                *sum = (*sum).max(part).max(turned);
+            }
+        }
+        gpu.queue.write_buffer(targets.occlusion(gpu), 0, bytemuck::cast_slice(&occlusion));
+        Ok(())
+    }
+}
+
+impl Work {
+    /// The number of each uniform's first chunk.
+    pub(super) fn first_chunks(&self) -> &[u32] {
+        &self.chunks.firsts
+    }
+}

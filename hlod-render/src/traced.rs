@@ -1,0 +1,155 @@
+//! Ground truth for shadows: rays against the scan's own triangles, on the processor.
+
+use glam::{DVec3, Vec3A};
+use hlod_compress::{HlodFile, RepresentationKind, decode_mesh};
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2;
+use obvhs::ray::Ray;
+use obvhs::{Boundable, BvhBuildParams};
+use rayon::prelude::*;
+
+use crate::error::RenderError;
+use crate::model::Model;
+
+/// Occlusion of a point from which nothing of the light is seen; `HIDDEN` in `visible.wgsl`.
+pub const HIDDEN: u32 = 65_535;
+
+/// A hierarchy of boxes takes about 150 bytes a triangle: 50 million are 7.5 GB.
+const TRIANGLES_MAX: u64 = 50_000_000;
+
+/// All triangles of some models' leaves, relative to the first one's centre.
+pub struct Tracer {
+    bvh: Bvh2,
+    /// In the order of the hierarchy.
+    triangles: Vec<Corners>,
+}
+
+/// A triangle; boxes of the hierarchy are in f32, and rounded outwards.
+#[derive(Clone, Copy)]
+struct Corners([DVec3; 3]);
+
+/// Boxes grow by this share of their coordinates, so that rounding loses no ray.
+const ROUNDING: f32 = 4.0 * f32::EPSILON;
+
+impl Boundable for Corners {
+    fn aabb(&self) -> Aabb {
+        let [a, b, c] = self.0.map(|p| p.as_vec3a());
+        let (min, max) = (a.min(b).min(c), a.max(b).max(c));
+        let slack = Vec3A::splat(ROUNDING * min.abs().max(max.abs()).max_element());
+        Aabb::new(min - slack, max + slack)
+    }
+}
+
+impl Tracer {
+    /// Reads all leaves.
+    ///
+    /// # Errors
+    /// When a file is damaged, or there are too many triangles to hold.
+    pub fn load(models: &[Model]) -> Result<Tracer, RenderError> {
+        let centre = models
+            .first()
+            .map_or(DVec3::ZERO, |m| m.world_from_model().transform_point3(DVec3::ZERO));
+        let count: u64 = models.iter().map(|m| m.header().triangles_input).sum();
+        if count > TRIANGLES_MAX {
+            return Err(RenderError::Usage(format!(
+                "rays are traced against all {count} triangles: no more than {TRIANGLES_MAX} fit; \
+                 try --shadow hard"
+            )));
+        }
+        let mut triangles = Vec::new();
+        for model in models {
+            let format = RenderError::format(model.path());
+            let file = HlodFile::open(model.path()).map_err(&format)?;
+            let lattice = file.header().lattice;
+            // Where this model is placed, were it not at its own coordinates.
+            let own = DVec3::from_array(lattice.origin)
+                + DVec3::splat(f64::from(lattice.root_units) / 2.0 * lattice.step);
+            let nodes = file.read_skeleton().map_err(&format)?;
+            for node in nodes.iter().filter(|n| n.is_leaf()) {
+                let Some(source) = node.representation(RepresentationKind::Source) else {
+                    continue;
+                };
+                let page = file.read_page(source.page).map_err(&format)?;
+                let mesh = decode_mesh(&page).map_err(&format)?;
+                let place = |v: u32| {
+                    let source = DVec3::from_array(lattice.position(mesh.positions[v as usize]));
+                    model.world_from_model().transform_point3(source - own) - centre
+                };
+                triangles.extend(mesh.triangles.iter().map(|t| Corners(t.map(place))));
+            }
+        }
+        Ok(Tracer::new(triangles))
+    }
+
+    fn new(triangles: Vec<Corners>) -> Tracer {
+        let mut time = Default::default();
+        let bvh = build_bvh2(&triangles, BvhBuildParams::medium_build(), &mut time);
+        let triangles = bvh.primitive_indices.iter().map(|&i| triangles[i as usize]).collect();
+        Tracer { bvh, triangles }
+    }
+
+    /// Whether anything lies on the way from a point, relative to the centre: that far along it.
+    pub fn is_hidden(&self, point: DVec3, way: DVec3, length: f64) -> bool {
+        let ray = Ray::new(point.as_vec3a(), way.as_vec3a(), 0.0, length as f32);
+        !self.bvh.ray_traverse_miss(ray, |_, i| match meets(point, way, &self.triangles[i].0) {
+            Some(t) if t < length => t as f32,
+            _ => f32::INFINITY,
+        })
+    }
+
+    /// For each point what is hidden of the light; `way` gives its place, the way to the light and
+    /// how far that leads.
+    pub(crate) fn occlusion(
+        &self,
+        points: &[Option<[f32; 3]>],
+        way: &(dyn Fn(&[f32; 3]) -> (DVec3, DVec3, f64) + Sync),
+    ) -> Vec<u32> {
+        let one = |point: &Option<[f32; 3]>| match point {
+            Some(point) => {
+                let (place, way, length) = way(point);
+                if self.is_hidden(place, way, length) { HIDDEN } else { 0 }
+            }
+            None => 0,
+        };
+        points.par_iter().map(one).collect()
+    }
+}
+
+/// How far along the way a triangle lies, in multiples of it. Edges that two triangles share come out
+/// with opposite signs, so that no ray passes between them.
+fn meets(origin: DVec3, way: DVec3, corners: &[DVec3; 3]) -> Option<f64> {
+    let [a, b, c] = corners.map(|p| p - origin);
+    let weights = [b.cross(c), c.cross(a), a.cross(b)].map(|n| n.dot(way));
+    let inside = weights.iter().all(|w| *w >= 0.0) || weights.iter().all(|w| *w <= 0.0);
+    let sum: f64 = weights.iter().sum();
+    if !inside || sum == 0.0 {
+        return None;
+    }
+    let point = (a * weights[0] + b * weights[1] + c * weights[2]) / sum;
+    let t = point.dot(way) / way.length_squared();
+    (t > 0.0).then_some(t)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rays_meet_what_is_in_their_way_and_nothing_else() {
+        // A square at z = 1 of two triangles, seen from below.
+        let p = |x: f64, y: f64| DVec3::new(x, y, 1.0);
+        let tracer = Tracer::new(vec![
+            Corners([p(0.0, 0.0), p(1.0, 0.0), p(1.0, 1.0)]),
+            Corners([p(0.0, 0.0), p(1.0, 1.0), p(0.0, 1.0)]),
+        ]);
+        let up = |x: f64, y: f64, z: f64| tracer.is_hidden(DVec3::new(x, y, z), DVec3::Z, 10.0);
+        assert!(up(0.25, 0.5, 0.0) && up(0.9, 0.1, -3.0));
+        // On the edge that both share.
+        assert!((1..100).all(|i| up(f64::from(i) / 100.0, f64::from(i) / 100.0, 0.0)));
+        assert!(!up(1.1, 0.5, 0.0) && !up(0.5, 0.5, 1.5), "beside, above");
+        // A light between the point and the square.
+        assert!(!tracer.is_hidden(DVec3::new(0.5, 0.2, 0.0), DVec3::Z, 0.9));
+        assert!(tracer.is_hidden(DVec3::new(0.5, 0.2, 0.0), DVec3::Z * 2.0, 0.9));
+    }
+}

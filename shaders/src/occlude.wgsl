@@ -1,0 +1,170 @@
+// Hard shadows, second half: what lies between the samples and the light. See shadow.wgsl.
+
+struct Grid {
+    low: vec2<f32>,
+    cells_per_unit: vec2<f32>,
+    size: vec2<i32>,
+    farthest: f32,
+    // Of all samples, the largest of −x, −y, x, y and depth, as ordered(); 0 for none.
+    largest: array<u32, 5>,
+}
+
+struct Chunk {
+    first: u32,
+    count: u32,
+    draw: u32,
+    large: u32,
+}
+
+// An 8 × 8 part of the cells that a large triangle may cover.
+struct Tile {
+    a: vec4<f32>,
+    b: vec4<f32>,
+    c: vec4<f32>,
+    // First and last cell.
+    cells: vec4<i32>,
+}
+
+struct Tiles {
+    count: atomic<u32>,
+    tile: array<Tile>,
+}
+
+@group(1) @binding(2) var<storage, read_write> grid: Grid;
+// 1 + the pixel of the first sample of each.
+@group(1) @binding(3) var<storage, read_write> cells: array<u32>;
+@group(1) @binding(5) var<storage, read> chunks: array<Chunk>;
+@group(1) @binding(6) var<storage, read_write> tiles: Tiles;
+
+// In a chunk's count: only what faces the light casts.
+const CULLED: u32 = 0x80000000u;
+// Triangles that may cover more cells are divided into tiles.
+const CELLS_MAX: i32 = 64;
+const TILE: i32 = 8;
+
+// Hides the samples in a rectangle of cells that lie behind the triangle.
+fn hide(first: vec2<i32>, last: vec2<i32>, a: vec4<f32>, b: vec4<f32>, c: vec4<f32>) {
+    var at = first;
+    var entry = cells[at.y * grid.size.x + at.x];
+    // One loop over cells and what is in them: neighbouring threads have different ones to do.
+    loop {
+        if entry == 0u {
+            at.x++;
+            if at.x > last.x {
+                at = vec2(first.x, at.y + 1);
+                if at.y > last.y {
+                    break;
+                }
+            }
+            entry = cells[at.y * grid.size.x + at.x];
+            continue;
+        }
+        let pixel = entry - 1u;
+        let sample = samples[pixel];
+        entry = sample.next;
+        // Relative to the sample. Edges that two triangles share come out with opposite signs, so
+        // that no sample between them is missed by both.
+        let q = vec2(sample.x, sample.y);
+        let pa = a.xy - q * a.w;
+        let pb = b.xy - q * b.w;
+        let pc = c.xy - q * c.w;
+        let weights = vec3(cross2(pb, pc), cross2(pc, pa), cross2(pa, pb));
+        if !(all(weights >= vec3(0.0)) || all(weights <= vec3(0.0))) {
+            continue;
+        }
+        let w = dot(weights, vec3(a.w, b.w, c.w));
+        let sum = weights.x + weights.y + weights.z;
+        // On the light's side that the sample is on, too.
+        if w * sum > 0.0 && dot(weights, vec3(a.z, b.z, c.z)) / w < sample.depth {
+            atomicStore(&occlusion[pixel], HIDDEN);
+        }
+    }
+}
+
+@compute @workgroup_size(64)
+fn occlude(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) i: u32,
+) {
+    let chunk = chunks[min(frame.size.w + group.x + group.y * groups.x, arrayLength(&chunks) - 1u)];
+    if i >= (chunk.count & ~CULLED) {
+        return;
+    }
+    let triangle = chunk.first + i;
+    let a = frame.light_from_model * vec4(position_of(indices[3u * triangle]), 1.0);
+    let b = frame.light_from_model * vec4(position_of(indices[3u * triangle + 1u]), 1.0);
+    let c = frame.light_from_model * vec4(position_of(indices[3u * triangle + 2u]), 1.0);
+    let facing = dot(a.xyw, cross(b.xyw, c.xyw));
+    if (chunk.count & CULLED) != 0u && facing <= 0.0 {
+        return;
+    }
+    // Its bounds on the light's picture, and how near it comes; what is too near to the light
+    // or behind it is cut off.
+    let near = frame.shadow.y;
+    var low = vec2(1e30);
+    var high = vec2(-1e30);
+    var nearest = 1e30;
+    var corners = array(a, b, c);
+    for (var k = 0; k < 3; k++) {
+        let p = corners[k];
+        let q = corners[(k + 1) % 3];
+        if p.w >= near {
+            let at = p.xy / p.w;
+            low = min(low, at);
+            high = max(high, at);
+            nearest = min(nearest, p.z / p.w);
+        }
+        if (p.w >= near) != (q.w >= near) {
+            let cut = mix(p, q, (near - p.w) / (q.w - p.w));
+            low = min(low, cut.xy / near);
+            high = max(high, cut.xy / near);
+            nearest = min(nearest, cut.z / near);
+        }
+    }
+    if low.x > high.x || nearest >= grid.farthest {
+        return;
+    }
+    // Rounding must not move it out of a cell that holds a sample on its edge.
+    let edge = vec2<f32>(grid.size);
+    let first = floor(clamp((low - grid.low) * grid.cells_per_unit - 0.01, vec2(-1.0), edge));
+    let last = floor(clamp((high - grid.low) * grid.cells_per_unit + 0.01, vec2(-1.0), edge));
+    if any(last < vec2(0.0)) || any(first >= edge) {
+        return;
+    }
+    let start = max(vec2<i32>(first), vec2(0));
+    let to = min(vec2<i32>(last), grid.size - 1);
+    let extent = to - start + 1;
+    if extent.x * extent.y > CELLS_MAX || extent.x > CELLS_MAX || extent.y > CELLS_MAX {
+        for (var y = start.y; y <= to.y; y += TILE) {
+            for (var x = start.x; x <= to.x; x += TILE) {
+                let slot = atomicAdd(&tiles.count, 1u);
+                let end = min(vec2(x, y) + TILE - 1, to);
+                if slot < arrayLength(&tiles.tile) {
+                    tiles.tile[slot] = Tile(a, b, c, vec4(x, y, end));
+                } else {
+                    hide(vec2(x, y), end, a, b, c);
+                }
+            }
+        }
+        return;
+    }
+    hide(start, to, a, b, c);
+}
+
+@compute @workgroup_size(64)
+fn occlude_tiles(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) i: u32,
+) {
+    let count = min(atomicLoad(&tiles.count), arrayLength(&tiles.tile));
+    for (var t = group.x; t < count; t += groups.x) {
+        let tile = tiles.tile[t];
+        let x = tile.cells.x + i32(i) % TILE;
+        let y = tile.cells.y + i32(i) / TILE;
+        if x <= tile.cells.z && y <= tile.cells.w {
+            hide(vec2(x, y), vec2(x, y), tile.a, tile.b, tile.c);
+        }
+    }
+}

@@ -1,0 +1,32 @@
+// Hard shadows without a map: is there a triangle between this visible point and the light? Each
+// pixel's point is laid into a grid as the light sees it, and every triangle that casts is tested,
+// exactly, against the points in the cells that it may cover (Aila & Laine, Alias-free shadow
+// maps, EGSR 2004; Johnson et al., The irregular z-buffer, TOG 2005). There are no texels, so there
+// is neither a resolution to choose nor a bias for it.
+//
+// Light space: (x, y, z, w) with x / w and y / w across the light's picture and z / w growing with
+// the distance from the light, linear across a triangle. Parallel light: w = 1, z the distance along
+// its rays. A point: w the distance along its axis and z = −1.
+//
+// samples.wgsl: place: points → samples · measure: their bounds · lay_out: bounds → grid · bin:
+// samples → cells. occlude.wgsl: occlude: triangles against cells · occlude_tiles: what is left of
+// large ones.
+
+struct Sample {
+    // On the light's picture.
+    x: f32,
+    y: f32,
+    // z / w that is nearer hides it.
+    depth: f32,
+    // 1 + the pixel of the next sample in its cell; before they are binned UNBINNED, or why it has no
+    // place in one: ABSENT, or TURNED away from the light.
+    next: u32,
+}
+
+const UNBINNED: u32 = 0u;
+const TURNED: u32 = 0xfffffffeu;
+const ABSENT: u32 = 0xffffffffu;
+
+@group(1) @binding(0) var identities: texture_2d<u32>;
+@group(1) @binding(1) var<storage, read_write> samples: array<Sample>;
+@group(1) @binding(4) var<storage, read_write> occlusion: array<atomic<u32>>;

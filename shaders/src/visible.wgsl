@@ -1,0 +1,60 @@
+// The point that is seen in a pixel, from the identity of its triangle (Burns & Hunt, The
+// Visibility Buffer, JCGT 2013).
+
+const NONE: u32 = 0xffffffffu;
+
+// Occlusion of a point from which nothing of the light is seen.
+const HIDDEN: u32 = 65535u;
+
+// The number of a triangle in this arena; NONE where an identity is nothing or in another one.
+fn triangle_of(identity: u32) -> u32 {
+    let number = (identity & ~BACK) - 1u - frame.size.z;
+    return select(number, NONE, identity == 0u || number >= arrayLength(&indices) / 3u);
+}
+
+struct Seen {
+    // Of the triangle's corners.
+    weights: vec3<f32>,
+    world: vec3<f32>,
+    model: vec3<f32>,
+    // Across the triangle, model space, of any length.
+    across: vec3<f32>,
+    // clip.w of the point.
+    depth: f32,
+}
+
+fn cross2(a: vec2<f32>, b: vec2<f32>) -> f32 {
+    return a.x * b.y - a.y * b.x;
+}
+
+// Barycentric coordinates, correct in perspective, of the point seen at `pixel`.
+fn barycentric(clip: array<vec4<f32>, 3>, pixel: vec2<f32>) -> vec3<f32> {
+    let ndc = (pixel / vec2<f32>(frame.size.xy) * 2.0 - 1.0) * vec2(1.0, -1.0);
+    // Relative to the pixel first: what remains is small, and so are its rounding errors.
+    let a = clip[0].xy - ndc * clip[0].w;
+    let b = clip[1].xy - ndc * clip[1].w;
+    let c = clip[2].xy - ndc * clip[2].w;
+    let areas = vec3(cross2(b, c), cross2(c, a), cross2(a, b));
+    let sum = areas.x + areas.y + areas.z;
+    if abs(sum) < 1e-30 {
+        return vec3(1.0 / 3.0);
+    }
+    // Seen edge on, rounding can leave the triangle: stay on it.
+    let inside = max(areas / sum, vec3(0.0));
+    return inside / (inside.x + inside.y + inside.z);
+}
+
+fn seen_point(triangle: u32, pixel: vec2<f32>) -> Seen {
+    var clip: array<vec4<f32>, 3>;
+    var corner: array<vec3<f32>, 3>;
+    for (var i = 0u; i < 3u; i++) {
+        corner[i] = position_of(indices[3u * triangle + i]);
+        clip[i] = frame.clip_from_model * vec4(corner[i], 1.0);
+    }
+    let w = barycentric(clip, pixel);
+    let model = w.x * corner[0] + w.y * corner[1] + w.z * corner[2];
+    let world = (frame.world_from_model * vec4(model, 1.0)).xyz;
+    let across = cross(corner[1] - corner[0], corner[2] - corner[0]);
+    let depth = dot(w, vec3(clip[0].w, clip[1].w, clip[2].w));
+    return Seen(w, world, model, across, depth);
+}
