@@ -94,6 +94,11 @@ pub fn bumpy_ball(n: u32) -> String {
             faces.push([b, c, d]);
         }
     }
+    ply(&vertices, &faces)
+}
+
+/// A mesh as an ASCII PLY.
+pub fn ply(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> String {
     let mut out = format!(
         "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",
         vertices.len(),

@@ -6,3 +6,4 @@ mod dust;
 mod pictures;
 mod programs;
 mod restart;
+mod shadows;

@@ -1,0 +1,350 @@
+//! Shadows: analytic truth on a floor under a ball and a cube, rays against all triangles, lights in
+//! awkward places.
+
+use glam::{DVec2, DVec3};
+use hlod_render::camera::{Camera, Projection};
+use hlod_render::frame::{FrameStats, Renderer};
+use hlod_render::framing::{FOV_Y_DEG, Framing};
+use hlod_render::picture::{Canvas, PICTURE_FORMAT};
+use hlod_render::scene::{
+    BACKGROUND, CASTER_THRESHOLD_PX, Light, Material, Paint, Representation, Shadow, Shot,
+};
+use hlod_render::{Gpu, Model, ModelLimits};
+use hlod_tests::{built, gpu, ply, scan};
+
+const SIZE: (u32, u32) = (360, 240);
+const RADIUS: f64 = 0.5;
+const MIDDLE: DVec3 = DVec3::new(0.1, 1.0, -0.05);
+
+struct Scene {
+    gpu: Gpu,
+    models: [Model; 1],
+    _folder: tempfile::TempDir,
+}
+
+impl Scene {
+    fn new(mesh: (Vec<[f64; 3]>, Vec<[u32; 3]>)) -> Scene {
+        let folder = tempfile::tempdir().unwrap();
+        let [input, output] = ["scene.ply", "scene.hlod"].map(|f| folder.path().join(f));
+        std::fs::write(&input, ply(&mesh.0, &mesh.1)).unwrap();
+        built(&input, &output, |o| o.leaf_triangles = 2000);
+        let gpu = gpu();
+        let model = Model::open(&gpu, &output, ModelLimits::default()).unwrap();
+        Scene { gpu, models: [model], _folder: folder }
+    }
+
+    /// What each pixel shows of the floor and whether it is hidden, and of all pixels the
+    /// occlusion; `None` where the background or something else is seen.
+    fn floor(&mut self, shot: &Shot) -> Vec<Option<(DVec3, bool)>> {
+        let (canvas, _) = self.draw(shot);
+        let depths = canvas.depths(&self.gpu).unwrap();
+        let occlusion = canvas.occlusion(&self.gpu).unwrap();
+        let place = |(p, &depth): (usize, &f32)| {
+            let place = place(&shot.camera, p, depth)?;
+            (place.y.abs() < 1e-4).then_some((place, occlusion[p] > 0))
+        };
+        depths.iter().enumerate().map(place).collect()
+    }
+
+    fn draw(&mut self, shot: &Shot) -> (Canvas, FrameStats) {
+        let canvas = Canvas::new(&self.gpu, SIZE.0, SIZE.1).unwrap();
+        let mut renderer = Renderer::new(&self.gpu, PICTURE_FORMAT);
+        let stats = renderer
+            .render_complete(&self.gpu, &mut self.models, shot, &canvas.targets)
+            .unwrap();
+        (canvas, stats)
+    }
+
+    fn occlusion(&mut self, shot: &Shot) -> (Vec<u32>, Vec<u32>) {
+        let (canvas, _) = self.draw(shot);
+        (canvas.occlusion(&self.gpu).unwrap(), canvas.identities(&self.gpu).unwrap())
+    }
+}
+
+/// The point in a pixel's middle, world space.
+fn place(camera: &Camera, pixel: usize, depth: f32) -> Option<DVec3> {
+    if depth == 0.0 {
+        return None;
+    }
+    let (x, y) = (pixel % SIZE.0 as usize, pixel / SIZE.0 as usize);
+    let size = DVec2::new(SIZE.0.into(), SIZE.1.into());
+    let ndc = (DVec2::new(x as f64 + 0.5, y as f64 + 0.5) / size * 2.0 - 1.0) * DVec2::new(1.0, -1.0);
+    let half = camera.half_extent(size.x / size.y);
+    let distance = camera.near / f64::from(depth);
+    let [right, up, back] = camera.axes();
+    let across = ndc * half * distance;
+    Some(camera.eye + right * across.x + up * across.y - back * distance)
+}
+
+/// World units of a pixel at a point.
+fn pixel_at(camera: &Camera, p: DVec3) -> f64 {
+    let distance = (camera.eye - p).dot(camera.axes()[2]);
+    2.0 * camera.half_extent(1.0).y * distance / f64::from(SIZE.1)
+}
+
+/// A square floor from −2 to 2 at y = 0.
+fn floor(n: u32) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+    let at = |i: u32| 4.0 * f64::from(i) / f64::from(n) - 2.0;
+    let vertices = (0..=n).flat_map(|j| (0..=n).map(move |i| [at(i), 0.0, at(j)])).collect();
+    let mut faces = Vec::new();
+    for j in 0..n {
+        for i in 0..n {
+            let (a, b) = (j * (n + 1) + i, (j + 1) * (n + 1) + i);
+            faces.extend([[a, b, a + 1], [a + 1, b, b + 1]]);
+        }
+    }
+    (vertices, faces)
+}
+
+fn add(to: &mut (Vec<[f64; 3]>, Vec<[u32; 3]>), vertices: Vec<[f64; 3]>, faces: Vec<[u32; 3]>) {
+    let first = to.0.len() as u32;
+    to.0.extend(vertices);
+    to.1.extend(faces.into_iter().map(|t| t.map(|v| v + first)));
+}
+
+/// A ball over a floor.
+fn ball() -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+    let n = 160;
+    let mut scene = floor(64);
+    let mut vertices = Vec::new();
+    let mut faces = Vec::new();
+    for i in 0..=n {
+        for j in 0..n {
+            let theta = std::f64::consts::PI * f64::from(i) / f64::from(n);
+            let phi = std::f64::consts::TAU * f64::from(j) / f64::from(n);
+            let p = DVec3::new(theta.sin() * phi.sin(), theta.cos(), theta.sin() * phi.cos());
+            vertices.push((MIDDLE + RADIUS * p).to_array());
+            if i < n {
+                let (a, b) = (i * n + j, i * n + (j + 1) % n);
+                faces.extend([[a, a + n, b], [b, a + n, b + n]]);
+            }
+        }
+    }
+    add(&mut scene, vertices, faces);
+    scene
+}
+
+/// A cube of edge 1 that stands on a floor.
+fn cube() -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+    let mut scene = floor(64);
+    let corner = |i: u32| [0, 1, 2].map(|a| f64::from(i >> a & 1) - if a == 1 { 0.0 } else { 0.5 });
+    let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+    let faces = quads.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    add(&mut scene, (0..8).map(corner).collect(), faces);
+    scene
+}
+
+fn camera(eye: DVec3) -> Camera {
+    let projection = Projection::Perspective { fov_y: FOV_Y_DEG.to_radians() };
+    Camera { eye, target: DVec3::new(0.0, 0.3, 0.0), up: DVec3::Y, projection, near: 0.05 }
+}
+
+fn shot(eye: DVec3, light: Light) -> Shot {
+    Shot {
+        camera: camera(eye),
+        light,
+        material: Material::default(),
+        background: BACKGROUND,
+        representation: Representation::Hybrid,
+        paint: Paint::Shaded,
+        error_threshold_px: 0.5,
+        shadow: Shadow::Hard,
+        caster_threshold_px: CASTER_THRESHOLD_PX,
+        sample_offset_px: DVec2::ZERO,
+        draw_backs: false,
+        backs_magenta: false,
+    }
+}
+
+const EYE: DVec3 = DVec3::new(1.5, 3.0, 4.5);
+
+/// The way from a point to a light, of length 1.
+fn towards(light: Light, p: DVec3) -> DVec3 {
+    match light {
+        Light::Directional(d) => d.normalize(),
+        Light::Point(l) => (l - p).normalize(),
+    }
+}
+
+/// How far the way from a point to the light passes outside the ball; negative inside.
+fn beside_ball(light: Light, p: DVec3) -> f64 {
+    let offset = MIDDLE - p;
+    offset.cross(towards(light, p)).length() - RADIUS
+}
+
+/// Pixels where shadow and no shadow are mixed up, farther than `margin` pixels (measured across the
+/// light) from the ball's outline; and how many pixels are in its shadow.
+fn wrong_on_floor(floor: &[Option<(DVec3, bool)>], shot: &Shot, light: Light, margin: f64) -> [usize; 2] {
+    let mut counts = [0; 2];
+    for &(p, is_hidden) in floor.iter().flatten() {
+        let beside = beside_ball(light, p);
+        counts[1] += usize::from(is_hidden);
+        let is_clear = beside.abs() > margin * pixel_at(&shot.camera, p) + 3e-4;
+        counts[0] += usize::from(is_clear && is_hidden != (beside < 0.0));
+    }
+    counts
+}
+
+#[test]
+fn a_ball_s_shadow_lies_where_it_should() {
+    let mut scene = Scene::new(ball());
+    let lights = [
+        Light::Directional(DVec3::new(0.2, 1.0, 0.1)),
+        Light::Directional(DVec3::new(-0.9, 0.8, -0.4)),
+        Light::Point(DVec3::new(0.4, 4.0, -0.3)),
+        Light::Point(DVec3::new(-1.4, 1.9, 0.9)),
+        // Close to what casts, far from what receives.
+        Light::Point(MIDDLE + DVec3::new(0.05, 0.6, 0.1)),
+    ];
+    for light in lights {
+        for tau_c in [CASTER_THRESHOLD_PX, 4.0] {
+            let shot = Shot { caster_threshold_px: tau_c, ..shot(EYE, light) };
+            let floor = scene.floor(&shot);
+            let [wrong, hidden] = wrong_on_floor(&floor, &shot, light, tau_c);
+            assert!(hidden > 1000, "{light:?}: {hidden} pixels in shadow");
+            assert_eq!(wrong, 0, "{light:?}, τ_c {tau_c}: of {hidden} in shadow");
+            // The comparison itself: a light that is elsewhere by 3°.
+            let turned = match light {
+                Light::Directional(d) => Light::Directional(d.normalize() + DVec3::X * 0.05),
+                Light::Point(l) => Light::Point(l + DVec3::X * 0.05 * l.distance(MIDDLE)),
+            };
+            assert!(wrong_on_floor(&floor, &shot, turned, tau_c.min(0.5))[0] > 20, "{light:?}");
+        }
+    }
+}
+
+/// Whether the way from a point meets a cube that is larger on all sides by `more`.
+fn meets_cube(light: Light, p: DVec3, more: f64) -> bool {
+    let low = DVec3::new(-0.5, 0.0, -0.5) - more;
+    let high = DVec3::new(0.5, 1.0, 0.5) + more;
+    let inverse = towards(light, p).recip();
+    let (a, b) = ((low - p) * inverse, (high - p) * inverse);
+    let enter = a.min(b).max_element().max(0.0);
+    enter < a.max(b).min_element()
+}
+
+#[test]
+fn a_cube_s_shadow_begins_where_it_stands() {
+    let mut scene = Scene::new(cube());
+    for light in [
+        Light::Directional(DVec3::new(-0.6, 1.0, -0.2)),
+        // Nearly along the floor.
+        Light::Directional(DVec3::new(-1.0, 0.12, 0.35)),
+        Light::Point(DVec3::new(-1.5, 2.5, -1.0)),
+    ] {
+        let shot = shot(EYE, light);
+        let (mut wrong, mut hidden) = (0, 0);
+        for (p, is_hidden) in scene.floor(&shot).into_iter().flatten() {
+            let margin = CASTER_THRESHOLD_PX * pixel_at(&shot.camera, p) + 1e-4;
+            let [surely, perhaps] = [-margin, margin].map(|m| meets_cube(light, p, m));
+            hidden += usize::from(is_hidden);
+            // What grazes the cube's wall or stands under it is not judged.
+            wrong += usize::from(surely == perhaps && is_hidden != surely);
+        }
+        assert!(hidden > 500, "{light:?}: {hidden}");
+        assert_eq!(wrong, 0, "{light:?}: of {hidden} pixels in shadow");
+    }
+}
+
+/// Pixels in which two pictures' occlusion differs, and those in which anything is seen. A floor that
+/// the light lies in is neither lit nor hidden, and not compared.
+fn different(scene: &mut Scene, one: &Shot, other: &Shot) -> [usize; 2] {
+    let (canvas, _) = scene.draw(one);
+    let depths = canvas.depths(&scene.gpu).unwrap();
+    let a = canvas.occlusion(&scene.gpu).unwrap();
+    let (b, _) = scene.occlusion(other);
+    let in_floor = matches!(one.light, Light::Point(l) if l.y == 0.0);
+    let mut counts = [0; 2];
+    for (p, &depth) in depths.iter().enumerate() {
+        let Some(place) = place(&one.camera, p, depth) else { continue };
+        let is_compared = !(in_floor && place.y.abs() < 1e-4);
+        counts[0] += usize::from(is_compared && a[p] != b[p]);
+        counts[1] += 1;
+    }
+    counts
+}
+
+#[test]
+fn lights_in_awkward_places_are_as_rays_say() {
+    let mut scene = Scene::new(ball());
+    let below = DVec3::new(0.3, -1.0, 0.2);
+    let eyes = [EYE, DVec3::new(0.6, 0.2, 0.5), MIDDLE];
+    let lights = [
+        ("inside the ball", Light::Point(MIDDLE)),
+        ("at the eye", Light::Point(EYE)),
+        ("behind the eye", Light::Point(EYE * 2.0)),
+        ("in the eye's plane", Light::Point(EYE + camera(EYE).axes()[0] * 2.0)),
+        ("far away", Light::Point(DVec3::new(3e4, 5e4, 1e4))),
+        ("below the floor", Light::Point(below)),
+        ("amid what is seen", Light::Point(DVec3::new(0.6, 0.3, 0.6))),
+        ("parallel from below", Light::Directional(-DVec3::Y)),
+        ("along the floor", Light::Directional(DVec3::X)),
+        ("behind the picture", Light::Directional(EYE)),
+        ("against the eye", Light::Directional(-EYE)),
+        ("on the floor", Light::Point(DVec3::new(1.0, 0.0, 1.0))),
+        ("on the ball", Light::Point(MIDDLE + DVec3::Y * RADIUS)),
+    ];
+    for eye in eyes {
+        for (name, light) in lights {
+            let full = Shot { representation: Representation::Full, ..shot(eye, light) };
+            let traced = Shot { shadow: Shadow::Traced, ..full };
+            let [wrong, seen] = different(&mut scene, &full, &traced);
+            assert!(seen > 5_000, "{name} from {eye}: {seen} pixels");
+            // Points that rounding takes to the other side of an edge.
+            assert!(wrong <= seen / 1000, "light {name}, eye {eye}: {wrong} of {seen} pixels");
+        }
+    }
+}
+
+#[test]
+fn a_light_at_the_eye_hides_nothing_that_is_seen() {
+    let mut scene = Scene::new(ball());
+    let (occlusion, identities) = scene.occlusion(&shot(EYE, Light::Point(EYE)));
+    let seen = identities.iter().filter(|&&id| id != 0).count();
+    let hidden = occlusion.iter().filter(|&&o| o > 0).count();
+    assert!(seen > 5_000 && hidden * 500 < seen, "{hidden} of {seen} pixels are hidden");
+    // And one on the other side of the floor hides everything.
+    let (occlusion, identities) = scene.occlusion(&shot(EYE, Light::Point(-EYE)));
+    let lit = identities.iter().zip(&occlusion).filter(|(id, o)| **id != 0 && **o == 0).count();
+    assert_eq!(lit, 0);
+}
+
+#[test]
+fn shadows_need_no_optional_feature() {
+    let mut scene = Scene::new(ball());
+    let shot = shot(EYE, Light::Point(DVec3::new(0.4, 4.0, -0.3)));
+    let (with, _) = scene.occlusion(&shot);
+    scene.gpu.small_triangles = false;
+    let (without, _) = scene.occlusion(&shot);
+    let differ = with.iter().zip(&without).filter(|(a, b)| a != b).count();
+    // Fixed function may give a pixel on an edge to another triangle.
+    assert!(differ < 20, "{differ} pixels");
+}
+
+#[test]
+fn scans_cast_as_their_every_triangle_does() {
+    for name in ["bunny/reconstruction/bun_zipper.ply", "happy_buddha/happy_buddha.ply"] {
+        let Some(path) = scan("scans_cast_as_their_every_triangle_does", name) else { continue };
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("scan.hlod");
+        built(&path, &file, |_| {});
+        let gpu = gpu();
+        let model = Model::open(&gpu, &file, ModelLimits::default()).unwrap();
+        let framing = Framing::of(&model);
+        let mut scene = Scene { gpu, models: [model], _folder: folder };
+        for direction in [[0.3, 0.2, 1.0], [-1.0, 0.4, -0.3]] {
+            let camera = framing.fitting(direction, 1.5, FOV_Y_DEG);
+            let light = hlod_render::scene::light_from_angles(&camera, -50.0, 35.0);
+            let full =
+                Shot { camera, representation: Representation::Full, ..shot(EYE, light) };
+            let traced = Shot { shadow: Shadow::Traced, ..full };
+            let [wrong, seen] = different(&mut scene, &full, &traced);
+            assert!(seen > 5_000 && wrong <= seen / 500, "{name}: {wrong} of {seen} pixels");
+            // Levels of detail differ along edges only: a pixel's width of them.
+            let hybrid = Shot { representation: Representation::Hybrid, ..full };
+            let traced = Shot { shadow: Shadow::Traced, ..hybrid };
+            let [wrong, seen] = different(&mut scene, &hybrid, &traced);
+            assert!(wrong <= seen / 50, "{name}: {wrong} of {seen} pixels");
+        }
+    }
+}
