@@ -218,3 +218,110 @@ pub fn select_casters(
 ) -> Front {
     find_front(skeleton, view, is_resident)
 }
+
+#[cfg(test)]
+mod tests {
+    use hlod_compress::NormalCone;
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::select::tests::tree_of;
+    use crate::select::{Selection, View, select};
+
+    const SIZE: (u32, u32) = (640, 480);
+
+    fn any_point(reach: f64) -> impl Strategy<Value = DVec3> {
+        (-reach..reach, -reach..reach, -reach..reach).prop_map(DVec3::from)
+    }
+
+    fn any_light() -> impl Strategy<Value = Light> {
+        prop_oneof![
+            any_point(1.0).prop_map(Light::Directional),
+            any_point(1.5).prop_map(Light::Point),
+            any_point(40.0).prop_map(Light::Point),
+        ]
+    }
+
+    fn camera(eye: DVec3, target: DVec3) -> Camera {
+        let projection = Projection::Perspective { fov_y: 0.7 };
+        Camera { eye, target, up: DVec3::Y, projection, near: 0.02 }
+    }
+
+    proptest! {
+        /// On the way from any visible point to the light: whatever casts is drawn, and so fine that
+        /// the shadow's edge moves by no more than τ_c where the point is seen.
+        #[test]
+        fn what_may_cast_is_drawn_and_fine_enough(
+            eye in any_point(3.0),
+            target in any_point(0.5),
+            light in any_light(),
+            threshold_px in 0.2..8.0f64,
+            seen in any_point(1.0),
+            along in 0.0..1.0f64,
+        ) {
+            prop_assume!(eye.distance(target) > 0.1);
+            let cone = NormalCone::ALL;
+            let receivers = tree_of(3, cone, RepresentationKind::Appearance);
+            let casters = tree_of(4, cone, RepresentationKind::Geometric);
+            let camera = camera(eye, target);
+            let view = View::new(&camera, DMat4::IDENTITY, SIZE.0, SIZE.1);
+            let kind = RepresentationKind::Appearance;
+            let selection = Selection { kind, error_threshold_px: 2.0 };
+            let front = select(&receivers, &view, selection, &|_, _| true);
+            let boxes: Vec<(u8, [DVec3; 8])> = front.draws.iter().map(|draw| {
+                let node = &receivers.nodes()[draw.node as usize];
+                (node.depth, corners(node.min, node.max))
+            }).collect();
+            // Points that are drawn and in the picture.
+            let clip = camera.clip_from_view(640.0 / 480.0) * camera.view_from_world() * seen.extend(1.0);
+            prop_assume!(clip.x.abs() < clip.w && clip.y.abs() < clip.w && clip.z < clip.w);
+            let caster_view =
+                CasterView::new(&camera, SIZE, light, &boxes, threshold_px, DMat4::IDENTITY);
+            let front = select_casters(&casters, &caster_view, &|_, _| true);
+            let (way, leverage) = match light {
+                // Until it leaves the model's box.
+                Light::Directional(d) => (d.normalize() * 4.0, 1.0),
+                Light::Point(l) => (l - seen, 1.0 / (1.0 - along)),
+            };
+            let point = seen + way * along;
+            prop_assume!(point.abs().max_element() < 1.0);
+            let holds = |node: &Node| {
+                point.cmpge(node.min).all() && point.cmple(node.max).all()
+            };
+            let node = front.draws.iter().map(|d| &casters.nodes()[d.node as usize]).find(|n| holds(n));
+            let Some(node) = node else {
+                return Err(TestCaseError::fail(format!("nothing is drawn at {point}")));
+            };
+            let error = node.representations[0].error;
+            let depth = (eye - seen).dot(camera.axes()[2]);
+            let pixel = 2.0 * camera.half_extent(1.0).y * depth / f64::from(SIZE.1);
+            let shift_px = error * leverage / pixel;
+            prop_assert!(shift_px <= threshold_px * (1.0 + 1e-9), "{shift_px} px at {point}");
+        }
+    }
+
+    #[test]
+    fn lamps_close_to_what_casts_ask_for_more_than_distant_ones() {
+        let casters = tree_of(4, NormalCone::ALL, RepresentationKind::Geometric);
+        // A floor far below the model.
+        let floor = corners(DVec3::new(-1.0, -9.0, -1.0), DVec3::new(1.0, -8.0, 1.0));
+        let camera = camera(DVec3::new(0.0, -5.0, 12.0), DVec3::new(0.0, -8.0, 0.0));
+        let view = |light: Light, boxes: &[(u8, [DVec3; 8])]| {
+            CasterView::new(&camera, SIZE, light, boxes, 0.5, DMat4::IDENTITY)
+        };
+        let nodes = |light: Light, boxes: &[(u8, [DVec3; 8])]| {
+            select_casters(&casters, &view(light, boxes), &|_, _| true).draws.len()
+        };
+        let root_px = |light: Light| view(light, &[(0, floor)]).error_px(0.1, &casters.nodes()[0]);
+        let parallel = root_px(Light::Directional(DVec3::Y));
+        let high = root_px(Light::Point(DVec3::Y * 400.0));
+        let close = root_px(Light::Point(DVec3::Y * 1.5));
+        assert!(high > parallel && high < 1.1 * parallel, "{parallel} {high}");
+        // From a lamp half a unit above the model to the floor it is twenty times as far, and to the
+        // corners of the box along the camera's axes a little more.
+        assert!((20.0..35.0).contains(&(close / parallel)), "{parallel} {close}");
+        // Light from below meets nothing on its way, and neither does what nobody sees.
+        assert_eq!(nodes(Light::Directional(-DVec3::Y), &[(0, floor)]), 0);
+        assert_eq!(nodes(Light::Directional(DVec3::Y), &[]), 0);
+    }
+}

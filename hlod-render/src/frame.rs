@@ -7,7 +7,7 @@ use crate::arena::Arena;
 use crate::casters::{CasterView, select_casters};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
-use crate::light_space::{self, Face};
+use crate::lit::{Lit, LitPart};
 use crate::loader::Part;
 use crate::model::Model;
 use crate::passes::{
@@ -157,37 +157,30 @@ impl Renderer {
             }
         }
 
-        let lit = (shot.shadow != Shadow::None).then(|| Lit::new(models, fronts, shot));
-        let faces: Vec<FaceUniforms> = lit
-            .iter()
-            .flat_map(|lit| &lit.faces)
-            .map(|face| {
-                let lit = lit.as_ref().expect("it has faces");
-                let all = || uniforms.iter().zip(&model_of);
-                let place = |uniform: &FrameUniform, m: usize| {
-                    lit.uniform(uniform, &models[m].world_from_model(), face, shot, targets)
-                };
-                let casters = |(uniform, m): (&(FrameUniform, &Arena), &usize)| {
-                    let step = models[*m].header().lattice.step;
-                    let border = fronts.casters.get(*m).map_or(0.0, |front| front.border_error);
-                    let reach = (2.0 * (border + step)) as f32;
-                    FrameUniform { skirt: Vec4::new(0.0, reach, 0.0, 0.0), ..place(&uniform.0, *m) }
-                };
-                FaceUniforms {
-                    receivers: all().map(|(uniform, m)| place(&uniform.0, *m)).collect(),
-                    casters: all().map(casters).collect(),
-                }
-            })
-            .collect();
+        let lit = (shot.shadow != Shadow::None).then(|| lit(models, fronts, shot));
+        let faces = lit.iter().flat_map(|lit| {
+            let placed = model_of.iter().map(|&m: &usize| models[m].world_from_model());
+            let reaches = model_of.iter().map(|&m| {
+                let step = models[m].header().lattice.step;
+                2.0 * (fronts.casters.get(m).map_or(0.0, |front| front.border_error) + step)
+            });
+            let parts: Vec<LitPart> = uniforms
+                .iter()
+                .zip(placed.zip(reaches))
+                .map(|((uniform, _), (world_from_model, skirt_reach))| LitPart {
+                    uniform: *uniform,
+                    world_from_model,
+                    skirt_reach,
+                })
+                .collect();
+            lit.face_uniforms(&parts, shot, targets)
+        });
+        let faces: Vec<FaceUniforms> = faces.collect();
         let tracer = match (shot.shadow, &lit) {
             (Shadow::Traced, Some(lit)) => Some((tracer(&mut self.tracer, models)?, lit)),
             _ => None,
         };
-        let hidden = tracer.map(|(tracer, lit)| {
-            move |face: usize, points: &[Option<[f32; 3]>]| {
-                tracer.occlusion(points, &|p| lit.faces[face].world(p.map(f64::from)))
-            }
-        });
+        let hidden = tracer.map(|(tracer, lit)| lit.hidden_by(tracer));
         let shadow = match (&hidden, shot.shadow) {
             (Some(hidden), _) => DrawnShadow::Traced { faces: &faces, hidden },
             (None, Shadow::None) => DrawnShadow::None,
@@ -197,20 +190,29 @@ impl Renderer {
         self.passes.encode(gpu, &uniforms, &drawn, shot, targets)
     }
 
-    /// Draws given ranges of given arenas, none of which is seen outside `area`; a frame's last step, and all of it for the reference of
+    /// Draws given ranges of given arenas; a frame's last step, and all of it for the reference of
     /// audits.
     pub(crate) fn draw_ranges(
         &mut self,
         gpu: &Gpu,
         uniforms: &[(FrameUniform, &Arena)],
-        ranges: &[Range],
-        area: Rectangle,
+        drawn: &Drawn<'_>,
         shot: &Shot,
         targets: &Targets,
     ) -> Result<(), RenderError> {
-        let drawn = Drawn { ranges, parts: &[], area, shadow: DrawnShadow::None };
-        self.passes.encode(gpu, uniforms, &drawn, shot, targets)
+        self.passes.encode(gpu, uniforms, drawn, shot, targets)
     }
+}
+
+/// The light of one frame.
+fn lit(models: &[Model], fronts: &Fronts, shot: &Shot) -> Lit {
+    let centre =
+        models.first().map_or(DVec3::ZERO, |m| m.world_from_model().transform_point3(DVec3::ZERO));
+    let points: Vec<DVec3> =
+        visible_boxes(models, &fronts.receivers).iter().flat_map(|(_, corners)| *corners).collect();
+    let largest = |fronts: &[Front]| fronts.iter().map(|f| f.error_px).fold(0.0, f64::max);
+    let apart_px = largest(&fronts.receivers) + largest(&fronts.casters);
+    Lit::around(&points, centre, shot, apart_px)
 }
 
 /// Whether a light is outside a model's bounds.
@@ -326,71 +328,8 @@ fn visible_boxes(models: &[Model], fronts: &[Front]) -> Vec<(u8, [DVec3; 8])> {
     models.iter().zip(fronts).flat_map(of_model).collect()
 }
 
-/// The light of one frame, as shadows need it.
-struct Lit {
-    /// World space; light space is relative to it.
-    centre: DVec3,
-    faces: Vec<Face>,
-    /// Pixels by which what casts and what is seen may be apart.
-    apart_px: f64,
-    /// What rounding may do to positions, world units.
-    rounding: f64,
-}
-
-impl Lit {
-    fn new(models: &[Model], fronts: &Fronts, shot: &Shot) -> Lit {
-        let centre = models
-            .first()
-            .map_or(DVec3::ZERO, |m| m.world_from_model().transform_point3(DVec3::ZERO));
-        let boxes = visible_boxes(models, &fronts.receivers);
-        let points: Vec<DVec3> =
-            boxes.iter().flat_map(|(_, corners)| corners.map(|p| p - centre)).collect();
-        let light = match shot.light {
-            Light::Point(position) => Light::Point(position - centre),
-            directional => directional,
-        };
-        let reach = points.iter().map(|p| p.length()).fold(0.0, f64::max);
-        let far = match light {
-            Light::Point(position) => position.length(),
-            Light::Directional(_) => 0.0,
-        };
-        let largest = |fronts: &[Front]| fronts.iter().map(|f| f.error_px).fold(0.0, f64::max);
-        Lit {
-            centre,
-            faces: light_space::faces(light, shot.camera.axes()[0], &points),
-            // Nearer than its error no node has a bound: what is drawn there is still loading.
-            apart_px: (largest(&fronts.receivers) + largest(&fronts.casters)).min(APART_PX_MAX),
-            rounding: ROUNDING * (reach + far),
-        }
-    }
-
-    /// A frame's uniform for one face of the light.
-    fn uniform(
-        &self,
-        uniform: &FrameUniform,
-        world_from_model: &DMat4,
-        face: &Face,
-        shot: &Shot,
-        targets: &Targets,
-    ) -> FrameUniform {
-        let relative = DMat4::from_translation(-self.centre) * *world_from_model;
-        let bias = self.apart_px * world_per_pixel(shot, targets);
-        FrameUniform {
-            light_from_model: (face.light_from_world * relative).as_mat4(),
-            shadow: Vec4::new(1.0, face.near as f32, face.limit as f32, 0.0),
-            bias: Vec4::new(bias as f32, self.rounding as f32, 0.0, 0.0),
-            ..*uniform
-        }
-    }
-}
-
-/// Most pixels that count as what casts and what is seen being apart.
-const APART_PX_MAX: f64 = 64.0;
-/// Of positions in f32, relative to how far they are from where they are counted.
-const ROUNDING: f64 = 1e-6;
-
 /// World units that a pixel shows at depth 1, or anywhere in parallel projection.
-fn world_per_pixel(shot: &Shot, targets: &Targets) -> f64 {
+pub(crate) fn world_per_pixel(shot: &Shot, targets: &Targets) -> f64 {
     let (width, height) = (f64::from(targets.width()), f64::from(targets.height()));
     2.0 * shot.camera.half_extent(width / height).y / height
 }

@@ -18,6 +18,7 @@ pub mod frame;
 pub mod framing;
 mod gpu;
 mod light_space;
+mod lit;
 pub mod loader;
 mod model;
 pub mod passes;

@@ -356,4 +356,4 @@ impl Search<'_> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

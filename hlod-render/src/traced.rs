@@ -25,6 +25,10 @@ pub struct Tracer {
     triangles: Vec<Corners>,
 }
 
+/// From a point in light space to its place, the way to the light, and how many times that leads
+/// there.
+type WayToLight<'a> = dyn Fn(&[f32; 3]) -> (DVec3, DVec3, f64) + Sync + 'a;
+
 /// A triangle; boxes of the hierarchy are in f32, and rounded outwards.
 #[derive(Clone, Copy)]
 struct Corners([DVec3; 3]);
@@ -82,6 +86,11 @@ impl Tracer {
         Ok(Tracer::new(triangles))
     }
 
+    /// Of triangles relative to the centre.
+    pub(crate) fn of(triangles: impl Iterator<Item = [DVec3; 3]>) -> Tracer {
+        Tracer::new(triangles.map(Corners).collect())
+    }
+
     fn new(triangles: Vec<Corners>) -> Tracer {
         let mut time = Default::default();
         let bvh = build_bvh2(&triangles, BvhBuildParams::medium_build(), &mut time);
@@ -100,11 +109,7 @@ impl Tracer {
 
     /// For each point what is hidden of the light; `way` gives its place, the way to the light and
     /// how far that leads.
-    pub(crate) fn occlusion(
-        &self,
-        points: &[Option<[f32; 3]>],
-        way: &(dyn Fn(&[f32; 3]) -> (DVec3, DVec3, f64) + Sync),
-    ) -> Vec<u32> {
+    pub(crate) fn occlusion(&self, points: &[Option<[f32; 3]>], way: &WayToLight<'_>) -> Vec<u32> {
         let one = |point: &Option<[f32; 3]>| match point {
             Some(point) => {
                 let (place, way, length) = way(point);

@@ -49,9 +49,8 @@ impl Scene {
     fn draw(&mut self, shot: &Shot) -> (Canvas, FrameStats) {
         let canvas = Canvas::new(&self.gpu, SIZE.0, SIZE.1).unwrap();
         let mut renderer = Renderer::new(&self.gpu, PICTURE_FORMAT);
-        let stats = renderer
-            .render_complete(&self.gpu, &mut self.models, shot, &canvas.targets)
-            .unwrap();
+        let stats =
+            renderer.render_complete(&self.gpu, &mut self.models, shot, &canvas.targets).unwrap();
         (canvas, stats)
     }
 
@@ -68,7 +67,8 @@ fn place(camera: &Camera, pixel: usize, depth: f32) -> Option<DVec3> {
     }
     let (x, y) = (pixel % SIZE.0 as usize, pixel / SIZE.0 as usize);
     let size = DVec2::new(SIZE.0.into(), SIZE.1.into());
-    let ndc = (DVec2::new(x as f64 + 0.5, y as f64 + 0.5) / size * 2.0 - 1.0) * DVec2::new(1.0, -1.0);
+    let ndc =
+        (DVec2::new(x as f64 + 0.5, y as f64 + 0.5) / size * 2.0 - 1.0) * DVec2::new(1.0, -1.0);
     let half = camera.half_extent(size.x / size.y);
     let distance = camera.near / f64::from(depth);
     let [right, up, back] = camera.axes();
@@ -128,7 +128,8 @@ fn ball() -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
 fn cube() -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     let mut scene = floor(64);
     let corner = |i: u32| [0, 1, 2].map(|a| f64::from(i >> a & 1) - if a == 1 { 0.0 } else { 0.5 });
-    let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+    let quads =
+        [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
     let faces = quads.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
     add(&mut scene, (0..8).map(corner).collect(), faces);
     scene
@@ -174,7 +175,12 @@ fn beside_ball(light: Light, p: DVec3) -> f64 {
 
 /// Pixels where shadow and no shadow are mixed up, farther than `margin` pixels (measured across the
 /// light) from the ball's outline; and how many pixels are in its shadow.
-fn wrong_on_floor(floor: &[Option<(DVec3, bool)>], shot: &Shot, light: Light, margin: f64) -> [usize; 2] {
+fn wrong_on_floor(
+    floor: &[Option<(DVec3, bool)>],
+    shot: &Shot,
+    light: Light,
+    margin: f64,
+) -> [usize; 2] {
     let mut counts = [0; 2];
     for &(p, is_hidden) in floor.iter().flatten() {
         let beside = beside_ball(light, p);
@@ -335,8 +341,7 @@ fn scans_cast_as_their_every_triangle_does() {
         for direction in [[0.3, 0.2, 1.0], [-1.0, 0.4, -0.3]] {
             let camera = framing.fitting(direction, 1.5, FOV_Y_DEG);
             let light = hlod_render::scene::light_from_angles(&camera, -50.0, 35.0);
-            let full =
-                Shot { camera, representation: Representation::Full, ..shot(EYE, light) };
+            let full = Shot { camera, representation: Representation::Full, ..shot(EYE, light) };
             let traced = Shot { shadow: Shadow::Traced, ..full };
             let [wrong, seen] = different(&mut scene, &full, &traced);
             assert!(seen > 5_000 && wrong <= seen / 500, "{name}: {wrong} of {seen} pixels");

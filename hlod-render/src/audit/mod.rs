@@ -9,11 +9,14 @@
 //! - *appearance distance* is how far one must look in the reference to find a pixel's shade, and
 //!   the other way round; the full model at one sample a pixel is scored too: the floor, which is
 //!   what sampling alone costs;
-//! - *silhouette distance* is between the outlines, at 8 × 8 positions a pixel.
+//! - *silhouette distance* is between the outlines, at 8 × 8 positions a pixel;
+//! - *shadow edges*, where shadows are asked for, are compared at as many positions with those that
+//!   rays against the scan's triangles find.
 
 pub mod distance_transform;
 pub mod pixels;
 mod reference;
+pub mod shadows;
 pub mod silhouette;
 
 use std::path::{Path, PathBuf};
@@ -29,10 +32,11 @@ use crate::gpu::Gpu;
 use crate::model::{Model, ModelLimits};
 use crate::path::CameraPath;
 use crate::picture::{Canvas, PICTURE_FORMAT, Picture};
-use crate::scene::{Shot, light_from_angles};
+use crate::scene::{Shadow, Shot, light_from_angles};
 
 use pixels::{Distances, Layer, SAMPLES, score};
 use reference::Reference;
+use shadows::{ShadowEdge, ShadowScores, compare_shadows};
 use silhouette::{Mask, SUBPIXELS};
 
 /// What is compared.
@@ -76,6 +80,8 @@ pub struct AuditReport {
     pub appearance_distance_px: AppearanceDistance,
     /// How far outlines are from their place.
     pub silhouette_distance_px: SilhouetteDistance,
+    /// How far shadows' edges are from their place, where shadows were drawn.
+    pub shadow_edge_px: Option<ShadowEdge>,
     /// The same for each view.
     pub per_view: Vec<ViewScore>,
 }
@@ -136,7 +142,8 @@ pub fn audit(
     advance: &mut dyn FnMut(u32),
 ) -> Result<AuditReport, RenderError> {
     let mut models = [Model::open(gpu, file, ModelLimits::default())?];
-    let reference = Reference::load(gpu, against, &models[0])?;
+    let with_shadows = shot_template.shadow != Shadow::None;
+    let reference = Reference::load(gpu, against, &models[0], with_shadows)?;
     let framing = Framing::of(&models[0]);
     let cameras = cameras(&framing, file, options)?;
     let mut renderer = Renderer::new(gpu, PICTURE_FORMAT);
@@ -144,12 +151,14 @@ pub fn audit(
     let mut test = [Distances::default(), Distances::default()];
     let mut floor = [Distances::default(), Distances::default()];
     let mut outlines = [silhouette::Scores::default(), silhouette::Scores::default()];
+    let mut shadows = ShadowScores::default();
     let mut per_view: Vec<ViewScore> = Vec::new();
     let (mut holes, mut folds, mut overdraw, mut compared) = (0, 0, 0, 0);
     let mut worst = -1.0;
     for (i, camera) in cameras.iter().enumerate() {
         let light = light_from_angles(camera, options.light.0, options.light.1);
-        let shot = Shot { camera: *camera, light, ..*shot_template };
+        let in_shadow = Shot { camera: *camera, light, ..*shot_template };
+        let shot = Shot { shadow: Shadow::None, ..in_shadow };
 
         // Draw: as the user sees it, and the reference at 4 × 4 and at one sample a pixel.
         let (width, height) = options.size;
@@ -182,6 +191,15 @@ pub fn audit(
             draw_mask(gpu, &mut renderer, &mut Source::Models(&mut models), &with_backs, fine)?;
         let truth_mask = draw_mask(gpu, &mut renderer, &mut source, &with_backs, fine)?;
         let view_outlines = silhouette::compare(&drawn_mask, &truth_mask);
+
+        if with_shadows {
+            let is_smooth = pixels::smooth(&truth.0, &scale);
+            let mut models = Source::Models(&mut models);
+            let sources = [&mut models, &mut source];
+            let of_view =
+                compare_shadows(gpu, &mut renderer, sources, &in_shadow, options.size, &is_smooth)?;
+            shadows.merge(&of_view);
+        }
 
         let p999 = |d: &[Distances; 2]| d[0].percentile(0.999).max(d[1].percentile(0.999));
         let silhouette_p999_px =
@@ -236,6 +254,7 @@ pub fn audit(
             p999: worse_outline(0.999),
             scored_share: silhouette::scored_share(&outlines),
         },
+        shadow_edge_px: with_shadows.then(|| shadows.report()),
         per_view,
     })
 }

@@ -166,6 +166,19 @@ pub fn score(drawn: &Layer, culled: &Layer, truth: &Layer, scale: &Scale) -> Sco
     scores
 }
 
+/// Pixels of a reference of 4 × 4 samples with neither background nor a jump of depth within two
+/// pixels.
+pub fn smooth(truth: &Layer, scale: &Scale) -> Vec<bool> {
+    let reference = Reduced::new(truth);
+    let n = SAMPLES as usize;
+    let (width, height) = (truth.width / n, truth.height / n);
+    let is_smooth = |p: usize| {
+        let (x, y) = (p % width, p / width);
+        reference.window(x, y, 2).all_covered && !reference.jumps_within(x, y, 2, scale)
+    };
+    (0..width * height).map(is_smooth).collect()
+}
+
 fn is_hole(drawn: &Layer, p: usize, ring: &Window, scale: &Scale) -> bool {
     if !drawn.covered[p] {
         return true;

@@ -3,17 +3,20 @@
 use std::collections::HashMap;
 use std::path::PathBuf;
 
-use glam::DMat4;
+use glam::{DMat4, DVec3};
 use hlod_compress::OctNormal;
 
 use crate::arena::{Arena, ArenaSize, Slot};
 use crate::error::RenderError;
 use crate::frame::Renderer;
 use crate::gpu::Gpu;
+use crate::lit::{Lit, LitPart};
 use crate::loader::{GpuMesh, GpuVertex, model_origin};
 use crate::model::Model;
-use crate::passes::{Range, Rectangle, Targets};
-use crate::scene::Shot;
+use crate::passes::{Drawn, DrawnShadow, FrameUniform, Range, Rectangle, Targets};
+use crate::scene::{Shadow, Shot};
+use crate::select::corners;
+use crate::traced::Tracer;
 
 /// All triangles of the inputs, in a few arenas.
 pub(super) struct Reference {
@@ -22,6 +25,10 @@ pub(super) struct Reference {
     arena_triangles: u32,
     world_from_model: DMat4,
     has_colours: bool,
+    /// Rays against the same triangles, where shadows are audited.
+    tracer: Option<Tracer>,
+    /// Corners of the bounds, world space.
+    corners: Vec<DVec3>,
     /// Whether the file's own flag says that backs can never be seen.
     pub(super) closed_oriented: bool,
 }
@@ -34,6 +41,7 @@ impl Reference {
         gpu: &Gpu,
         inputs: &[PathBuf],
         model: &Model,
+        with_shadows: bool,
     ) -> Result<Reference, RenderError> {
         let scan = hlod_scan::load(inputs, &mut |_, _| {})?;
         let origin = model_origin(&model.header().lattice);
@@ -72,7 +80,12 @@ impl Reference {
             };
             slots.push(slot);
         }
+        let place = |v: u32| scan.positions[v as usize] - origin;
+        let tracer = with_shadows.then(|| Tracer::of(scan.triangles.iter().map(|t| t.map(place))));
+        let (low, high) = model.bounds();
         Ok(Reference {
+            tracer,
+            corners: corners(low, high).to_vec(),
             arenas,
             slots,
             arena_triangles: size.triangles,
@@ -110,6 +123,22 @@ impl Reference {
             .iter()
             .map(|s| Range { uniform: s.arena, triangles: s.triangles.clone(), cull_backs: false })
             .collect();
-        renderer.draw_ranges(gpu, &uniforms, &ranges, Rectangle::all(targets), shot, targets)
+        let area = Rectangle::all(targets);
+        let Some(tracer) = self.tracer.as_ref().filter(|_| shot.shadow != Shadow::None) else {
+            let drawn = Drawn { ranges: &ranges, parts: &[], area, shadow: DrawnShadow::None };
+            return renderer.draw_ranges(gpu, &uniforms, &drawn, shot, targets);
+        };
+        let centre = self.world_from_model.transform_point3(DVec3::ZERO);
+        let lit = Lit::around(&self.corners, centre, shot, 0.0);
+        let part = |uniform: &FrameUniform| LitPart {
+            uniform: *uniform,
+            world_from_model: self.world_from_model,
+            skirt_reach: 0.0,
+        };
+        let parts: Vec<LitPart> = uniforms.iter().map(|(uniform, _)| part(uniform)).collect();
+        let faces = lit.face_uniforms(&parts, shot, targets);
+        let shadow = DrawnShadow::Traced { faces: &faces, hidden: &lit.hidden_by(tracer) };
+        let drawn = Drawn { ranges: &ranges, parts: &[], area, shadow };
+        renderer.draw_ranges(gpu, &uniforms, &drawn, shot, targets)
     }
 }

@@ -31,6 +31,11 @@ impl Scores {
         self.unscored += other.unscored;
     }
 
+    /// Number of positions that were scored.
+    pub fn count(&self) -> u64 {
+        self.distances_px.len() as u64
+    }
+
     /// The smallest distance in pixels that `share` of all do not exceed; 0 where none was scored.
     pub fn percentile(&self, share: f64) -> f64 {
         let mut sorted = self.distances_px.clone();
@@ -49,19 +54,47 @@ pub fn scored_share(scores: &[Scores; 2]) -> f64 {
 
 /// From the drawing's outline to the reference's, and back.
 pub fn compare(drawn: &Mask, truth: &Mask) -> [Scores; 2] {
+    let [scores] = compare_where(drawn, truth, [&|_, _| true]);
+    scores
+}
+
+/// Whether the outline at a position (column, row) belongs to a class.
+pub type Class<'a> = &'a dyn Fn(usize, usize) -> bool;
+
+/// The same for the positions of some classes. The nearest position of the other outline may belong
+/// to any.
+pub fn compare_where<const N: usize>(
+    drawn: &Mask,
+    truth: &Mask,
+    classes: [Class<'_>; N],
+) -> [[Scores; 2]; N] {
     // Only where something is: most of a picture is background.
-    let Some(crop) = Crop::around(&[drawn, truth]) else { return Default::default() };
+    let Some(crop) = Crop::around(&[drawn, truth]) else {
+        return std::array::from_fn(|_| Default::default());
+    };
     let (drawn, truth) = (crop.of(drawn), crop.of(truth));
     let outlines = [&drawn, &truth].map(outline);
     let [to_drawn, to_truth] = [&outlines[0], &outlines[1]]
         .map(|outline| squared_distances(crop.width(), crop.height(), |p| outline[p]));
-    [collect(&drawn, &outlines[0], &to_truth), collect(&truth, &outlines[1], &to_drawn)]
+    let unstable = [&drawn, &truth].map(unstable);
+    classes.map(|class| {
+        let class =
+            |p: usize| class(crop.x.start + p % crop.width(), crop.y.start + p / crop.width());
+        [
+            collect(&unstable[0], &outlines[0], &to_truth, &class),
+            collect(&unstable[1], &outlines[1], &to_drawn, &class),
+        ]
+    })
 }
 
-fn collect(mask: &Mask, outline: &[bool], to_other: &[f32]) -> Scores {
-    let unstable = unstable(mask);
+fn collect(
+    unstable: &[bool],
+    outline: &[bool],
+    to_other: &[f32],
+    class: &dyn Fn(usize) -> bool,
+) -> Scores {
     let mut scores = Scores::default();
-    for p in (0..outline.len()).filter(|&p| outline[p]) {
+    for p in (0..outline.len()).filter(|&p| outline[p] && class(p)) {
         if unstable[p] {
             scores.unscored += 1;
         } else {

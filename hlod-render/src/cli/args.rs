@@ -177,6 +177,9 @@ pub struct ViewArgs {
     /// positive from the right and from above. It can be turned in the window.
     #[arg(long, value_name = "LIGHT", default_value = "-45,45", value_parser = numbers::<2, 2>, allow_hyphen_values = true)]
     pub light: Numbers,
+    /// Begin with shadows; H in the window shows and hides them.
+    #[arg(long)]
+    pub shadow: bool,
     #[command(flatten)]
     pub memory: MemoryArgs,
     /// Leave after so many seconds.

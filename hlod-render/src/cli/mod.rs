@@ -35,6 +35,7 @@ pub fn run(cli: &Cli) -> Outcome {
 
 #[cfg(feature = "viewer")]
 fn run_view(cli: &Cli, args: &args::ViewArgs) -> Outcome {
+    use hlod_render::scene::Shadow;
     use hlod_render::viewer::{ViewOptions, run};
     let [azimuth, elevation] = args.light[..] else {
         unreachable!("the parser lets through two numbers");
@@ -45,6 +46,7 @@ fn run_view(cli: &Cli, args: &args::ViewArgs) -> Outcome {
         error_threshold_px: args.precision.tau,
         representation: args.precision.representation.validated().map_err(Failure::Usage)?,
         light: Some((azimuth, elevation)),
+        shadow: if args.shadow { Shadow::Hard } else { Shadow::None },
         size: args.size,
         adapter: cli.adapter(),
         exit_after: args.exit_after.map(std::time::Duration::from_secs_f64),

@@ -5,6 +5,7 @@ use std::path::Path;
 use comfy_table::{CellAlignment, Table, presets};
 use hlod_render::Gpu;
 use hlod_render::audit::AuditReport;
+use hlod_render::audit::shadows::EdgeDistance;
 use hlod_render::bench::BenchReport;
 use hlod_render::frame::FrameStats;
 
@@ -78,6 +79,18 @@ pub fn audit(r: &AuditReport) -> String {
         ("silhouette distance, 99.9 %", px(s.p999)),
         ("silhouette scored", format!("{:.1} %", 100.0 * s.scored_share)),
     ];
+    let mut rows = rows.to_vec();
+    if let Some(edge) = &r.shadow_edge_px {
+        let share = |d: &EdgeDistance| format!("{:.1} %", 100.0 * d.scored_share);
+        rows.extend([
+            ("shadow edges to 15°, 99.9 %", px(edge.deg15.p999)),
+            ("… scored", share(&edge.deg15)),
+            ("shadow edges to 60°, 99.9 %", px(edge.deg60.p999)),
+            ("… scored", share(&edge.deg60)),
+            ("dark for no reason", format!("{} of {} pixels", edge.acne_pixels, edge.pixels)),
+            ("lit for no reason", format!("{} of {} pixels", edge.leak_pixels, edge.pixels)),
+        ]);
+    }
     format!(
         "{} · {} · τ = {} px\n{}\n{}",
         r.file.display(),

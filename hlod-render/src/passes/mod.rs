@@ -15,7 +15,7 @@ use crate::gpu::Gpu;
 use crate::scene::{Paint, Shot};
 pub(crate) use explain::DrawnPart;
 use explain::Explain;
-use shadow::{LightFace, Shadow};
+use shadow::{HardShadows, LightFace};
 use small::SmallTriangles;
 
 /// What shaders know of a frame, once for each arena; see `Frame` in `shared.wgsl`.
@@ -192,7 +192,7 @@ pub(crate) struct Passes {
     shade: wgpu::RenderPipeline,
     explain: Explain,
     small: Option<SmallTriangles>,
-    shadow: Shadow,
+    shadow: HardShadows,
     /// Stands in for occlusion where there are no shadows.
     unoccluded: wgpu::Buffer,
     geometry_layout: wgpu::BindGroupLayout,
@@ -318,7 +318,7 @@ impl Passes {
             uniforms: buffer(gpu, "uniforms", 16 * UNIFORM_STRIDE, wgpu::BufferUsages::UNIFORM),
             indirect: buffer(gpu, "draws", 1024 * 16, wgpu::BufferUsages::INDIRECT),
             small: SmallTriangles::new(gpu, &geometry_layout),
-            shadow: Shadow::new(gpu, &geometry_layout),
+            shadow: HardShadows::new(gpu, &geometry_layout),
             unoccluded: buffer(gpu, "unoccluded", 4, wgpu::BufferUsages::STORAGE),
             geometry_layout,
             identity_layout,
@@ -351,7 +351,7 @@ impl Passes {
         let shadow_work = match drawn.shadow {
             DrawnShadow::None => None,
             DrawnShadow::Cast { .. } | DrawnShadow::Traced { .. } => {
-                Shadow::check(gpu, targets)?;
+                HardShadows::check(gpu, targets)?;
                 let mut casting: Vec<&Range> = match drawn.shadow {
                     DrawnShadow::Cast { ranges, .. } => ranges.iter().collect(),
                     _ => Vec::new(),

@@ -32,7 +32,7 @@ const SIDE: u32 = 8;
 const COLUMN: u32 = 64;
 const CELLS_MIN: u64 = 1 << 12;
 
-pub(super) struct Shadow {
+pub(super) struct HardShadows {
     place: wgpu::ComputePipeline,
     measure: wgpu::ComputePipeline,
     lay_out: wgpu::ComputePipeline,
@@ -61,8 +61,8 @@ pub(super) struct Work {
     area: Rectangle,
 }
 
-impl Shadow {
-    pub(super) fn new(gpu: &Gpu, geometry_layout: &wgpu::BindGroupLayout) -> Shadow {
+impl HardShadows {
+    pub(super) fn new(gpu: &Gpu, geometry_layout: &wgpu::BindGroupLayout) -> HardShadows {
         let device = &gpu.device;
         let binding = |binding, ty| wgpu::BindGroupLayoutEntry {
             binding,
@@ -116,7 +116,7 @@ impl Shadow {
         let samples = module(hlod_shaders::SAMPLES);
         let occlude = module(hlod_shaders::OCCLUDE);
         let usage = wgpu::BufferUsages::STORAGE;
-        Shadow {
+        HardShadows {
             place: pipeline(&samples, "place"),
             measure: pipeline(&samples, "measure"),
             lay_out: pipeline(&samples, "lay_out"),
@@ -238,7 +238,7 @@ impl Shadow {
     }
 }
 
-impl Shadow {
+impl HardShadows {
     /// The same, but `hidden` says what is; waits for the GPU.
     ///
     /// # Errors

@@ -20,13 +20,18 @@ fn lattice() -> Lattice {
 
 /// A complete octree of edge 2 round the origin; errors halve with each depth, leaves have none.
 fn tree(depth: u8, cone: NormalCone) -> Skeleton {
+    tree_of(depth, cone, RepresentationKind::Appearance)
+}
+
+/// The same, with representations of another kind above the leaves.
+pub(crate) fn tree_of(depth: u8, cone: NormalCone, upper: RepresentationKind) -> Skeleton {
     let mut records = Vec::new();
     let mut cells = vec![CellKey::ROOT];
     let mut next = 0;
     while next < cells.len() {
         let cell = cells[next];
         let leaf = cell.depth() == depth;
-        let kind = if leaf { RepresentationKind::Source } else { RepresentationKind::Appearance };
+        let kind = if leaf { RepresentationKind::Source } else { upper };
         let geometric = if leaf { 0.0 } else { 0.1 / f32::from(1u16 << cell.depth()) };
         let lo = lattice().cell_min(cell);
         let edge = lattice().cell_units(cell.depth()) as i32;

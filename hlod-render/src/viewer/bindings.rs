@@ -20,6 +20,8 @@ pub enum Action {
     ToggleRecording,
     /// One of [`super::light::PRESETS`].
     LightPreset(usize),
+    /// Hard shadows or none.
+    ToggleShadows,
     /// Turns by steps to the right and upwards.
     Turn(i8, i8),
     /// Approaches (positive) or recedes.
@@ -65,7 +67,7 @@ const fn named(key: NamedKey, action: Action) -> Binding {
     plain(Pressed::Named(key), action)
 }
 
-const BINDINGS: [Binding; 32] = [
+const BINDINGS: [Binding; 33] = [
     character("f", Action::Fit),
     named(NamedKey::Home, Action::Home),
     plain(Pressed::Place(KeyCode::Digit1), Action::NamedView(0)),
@@ -86,6 +88,7 @@ const BINDINGS: [Binding; 32] = [
     character("v", Action::ToggleFlying),
     character("r", Action::ToggleRecording),
     character("l", Action::LightPreset(0)),
+    character("h", Action::ToggleShadows),
     named(NamedKey::ArrowRight, Action::Turn(1, 0)),
     named(NamedKey::ArrowLeft, Action::Turn(-1, 0)),
     named(NamedKey::ArrowUp, Action::Turn(0, 1)),
@@ -124,13 +127,14 @@ fn find(key: &Key, place: PhysicalKey, modifiers: ModifiersState) -> Option<Acti
 }
 
 /// Every key and gesture and what it does, in the help's order.
-pub const HELP: [(&str, &str); 22] = [
+pub const HELP: [(&str, &str); 23] = [
     ("Left drag", "turn round the point under the cursor"),
     ("Right or middle drag, Shift + left drag", "move the point under the cursor along"),
     ("Wheel, pinch, + and −", "approach the point under the cursor, recede"),
     ("Double click", "bring a point to the middle"),
     ("Ctrl + Shift + left drag", "turn the light"),
     ("L", "light from the upper left at 45°"),
+    ("H", "shadows or none"),
     ("F", "the whole statue, from the same side"),
     ("Home", "the first view"),
     ("1, 2, 3, 4", "front, back, left, right"),

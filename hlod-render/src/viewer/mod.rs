@@ -38,7 +38,7 @@ use winit::event_loop::{ControlFlow, EventLoop};
 use crate::error::RenderError;
 use crate::gpu::AdapterChoice;
 use crate::model::ModelLimits;
-use crate::scene::Representation;
+use crate::scene::{Representation, Shadow};
 
 /// What a window shows to begin with.
 #[derive(Debug, Clone)]
@@ -54,6 +54,8 @@ pub struct ViewOptions {
     /// Azimuth and elevation of the light in degrees relative to the picture; from the upper left
     /// where there is none.
     pub light: Option<(f64, f64)>,
+    /// What shadows are drawn.
+    pub shadow: Shadow,
     /// Size of the window's content in pixels of the screen.
     pub size: (u32, u32),
     /// What draws.

@@ -7,7 +7,7 @@ use super::light::PRESETS;
 use super::settings::Settings;
 use crate::frame::FrameStats;
 use crate::framing::NAMED_VIEWS;
-use crate::scene::{Material, Paint, Representation};
+use crate::scene::{Material, Paint, Representation, Shadow};
 
 /// Width of the panel in points.
 const WIDTH: f32 = 250.0;
@@ -157,6 +157,13 @@ fn light(ui: &mut Ui, settings: &mut Settings) {
     ui.horizontal_wrapped(|ui| {
         for (name, preset) in PRESETS {
             ui.selectable_value(light, preset, name);
+        }
+    });
+    ui.horizontal(|ui| {
+        ui.label("shadows");
+        for shadow in [Shadow::None, Shadow::Hard] {
+            ui.selectable_value(&mut settings.shadow, shadow, shadow.name())
+                .on_hover_text("of the statue on itself, exact at every pixel (H)");
         }
     });
 }

@@ -19,7 +19,7 @@ use crate::frame::{FrameStats, Renderer};
 use crate::framing::Framing;
 use crate::gpu::Gpu;
 use crate::model::Model;
-use crate::scene::Shot;
+use crate::scene::{Shadow, Shot};
 
 /// More problems than anyone reads.
 const PROBLEMS_MAX: usize = 100;
@@ -214,6 +214,10 @@ impl Session {
                 if let Some((_, light)) = PRESETS.get(number) {
                     self.settings.light = *light;
                 }
+            }
+            Action::ToggleShadows => {
+                let shadow = &mut self.settings.shadow;
+                *shadow = if *shadow == Shadow::None { Shadow::Hard } else { Shadow::None };
             }
             Action::Turn(right, up) => self.navigation.turn(right.into(), up.into()),
             Action::Zoom(steps) => self.zoom(middle, steps.into(), now),

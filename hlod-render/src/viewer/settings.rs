@@ -19,6 +19,8 @@ pub struct Settings {
     pub paint: Paint,
     /// Where light comes from.
     pub light: LightAngles,
+    /// What shadows are drawn.
+    pub shadow: Shadow,
     /// How surfaces look.
     pub material: Material,
     /// Linear light of the background.
@@ -36,6 +38,7 @@ impl Default for Settings {
             representation: Representation::default(),
             paint: Paint::default(),
             light: UPPER_LEFT,
+            shadow: Shadow::None,
             material: Material::default(),
             background: BACKGROUND.to_array(),
             panel_open: true,
@@ -55,7 +58,7 @@ impl Settings {
             representation: self.representation,
             paint: self.paint,
             error_threshold_px: self.error_threshold_px * tau_factor,
-            shadow: Shadow::None,
+            shadow: self.shadow,
             caster_threshold_px: CASTER_THRESHOLD_PX,
             sample_offset_px: glam::DVec2::ZERO,
             draw_backs: false,

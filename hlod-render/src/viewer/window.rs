@@ -187,6 +187,7 @@ impl Open {
         let settings = Settings {
             error_threshold_px: options.error_threshold_px,
             representation: options.representation,
+            shadow: options.shadow,
             light: options.light.map_or(defaults.light, |(a, e)| LightAngles::new(a, e)),
             material: Material::default(),
             panel_open: points >= PANEL_WINDOW_WIDTH,

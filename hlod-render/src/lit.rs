@@ -1,0 +1,88 @@
+//! A frame's light, as shadows need it.
+
+use glam::{DMat4, DVec3, Vec4};
+
+use crate::frame::world_per_pixel;
+use crate::light_space::{Face, faces};
+use crate::passes::{FaceUniforms, FrameUniform, Targets};
+use crate::scene::{Light, Shot};
+use crate::traced::Tracer;
+
+/// The light of one frame.
+pub(crate) struct Lit {
+    /// World space; light space is relative to it.
+    centre: DVec3,
+    faces: Vec<Face>,
+    /// Pixels by which what casts and what is seen may be apart.
+    apart_px: f64,
+    /// What rounding may do to positions, world units.
+    rounding: f64,
+}
+
+/// An arena that is lit.
+pub(crate) struct LitPart {
+    pub(crate) uniform: FrameUniform,
+    pub(crate) world_from_model: DMat4,
+    /// How far skirts of what casts reach, model space.
+    pub(crate) skirt_reach: f64,
+}
+
+/// Most pixels that count as what casts and what is seen being apart: nearer than its error no node
+/// has a bound, and what is drawn there is still loading.
+const APART_PX_MAX: f64 = 64.0;
+/// Of positions in f32, relative to how far they are from where they are counted.
+const ROUNDING: f64 = 1e-6;
+
+impl Lit {
+    /// For what is seen within some points; they, the centre and the light are in world space.
+    pub(crate) fn around(points: &[DVec3], centre: DVec3, shot: &Shot, apart_px: f64) -> Lit {
+        let points: Vec<DVec3> = points.iter().map(|p| p - centre).collect();
+        let (light, far) = match shot.light {
+            Light::Point(position) => (Light::Point(position - centre), position.distance(centre)),
+            directional => (directional, 0.0),
+        };
+        let reach = points.iter().map(|p| p.length()).fold(0.0, f64::max);
+        Lit {
+            centre,
+            faces: faces(light, shot.camera.axes()[0], &points),
+            apart_px: apart_px.min(APART_PX_MAX),
+            rounding: ROUNDING * (reach + far),
+        }
+    }
+
+    /// For each of the light's faces, what shaders know of it and of these arenas.
+    pub(crate) fn face_uniforms(
+        &self,
+        parts: &[LitPart],
+        shot: &Shot,
+        targets: &Targets,
+    ) -> Vec<FaceUniforms> {
+        let bias = self.apart_px * world_per_pixel(shot, targets);
+        let receiver = |face: &Face, part: &LitPart| {
+            let relative = DMat4::from_translation(-self.centre) * part.world_from_model;
+            FrameUniform {
+                light_from_model: (face.light_from_world * relative).as_mat4(),
+                shadow: Vec4::new(1.0, face.near as f32, face.limit as f32, 0.0),
+                bias: Vec4::new(bias as f32, self.rounding as f32, 0.0, 0.0),
+                ..part.uniform
+            }
+        };
+        let caster = |face: &Face, part: &LitPart| {
+            let skirt = Vec4::new(0.0, part.skirt_reach as f32, 0.0, 0.0);
+            FrameUniform { skirt, ..receiver(face, part) }
+        };
+        let of_face = |face: &Face| FaceUniforms {
+            receivers: parts.iter().map(|part| receiver(face, part)).collect(),
+            casters: parts.iter().map(|part| caster(face, part)).collect(),
+        };
+        self.faces.iter().map(of_face).collect()
+    }
+
+    /// What rays find hidden, for [`crate::passes::DrawnShadow::Traced`].
+    pub(crate) fn hidden_by<'a>(
+        &'a self,
+        tracer: &'a Tracer,
+    ) -> impl Fn(usize, &[Option<[f32; 3]>]) -> Vec<u32> + 'a {
+        move |face, points| tracer.occlusion(points, &|p| self.faces[face].world(p.map(f64::from)))
+    }
+}
