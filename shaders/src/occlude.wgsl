@@ -4,6 +4,8 @@ struct Grid {
     low: vec2<f32>,
     cells_per_unit: vec2<f32>,
     size: vec2<i32>,
+    // In a row.
+    blocks: i32,
     farthest: f32,
     // Of all samples, the largest of −x, −y, x, y and depth, as ordered(); 0 for none.
     largest: array<u32, 5>,
@@ -31,7 +33,8 @@ struct Tiles {
 }
 
 @group(1) @binding(2) var<storage, read_write> grid: Grid;
-// 1 + the pixel of the first sample of each.
+// 1 + the pixel of the first sample of each; then, for blocks of cells, the largest depth of their
+// samples, as ordered().
 @group(1) @binding(3) var<storage, read_write> cells: array<u32>;
 @group(1) @binding(5) var<storage, read> chunks: array<Chunk>;
 @group(1) @binding(6) var<storage, read_write> tiles: Tiles;
@@ -99,30 +102,37 @@ fn occlude(
     if (chunk.count & CULLED) != 0u && facing <= 0.0 {
         return;
     }
-    // Its bounds on the light's picture, and how near it comes; what is too near to the light
-    // or behind it is cut off.
+    // Its bounds on the light's picture, and how near it comes.
     let near = frame.shadow.y;
-    var low = vec2(1e30);
-    var high = vec2(-1e30);
-    var nearest = 1e30;
-    var corners = array(a, b, c);
-    for (var k = 0; k < 3; k++) {
-        let p = corners[k];
-        let q = corners[(k + 1) % 3];
-        if p.w >= near {
-            let at = p.xy / p.w;
-            low = min(low, at);
-            high = max(high, at);
-            nearest = min(nearest, p.z / p.w);
+    var low = min(min(a.xy / a.w, b.xy / b.w), c.xy / c.w);
+    var high = max(max(a.xy / a.w, b.xy / b.w), c.xy / c.w);
+    var nearest = min(min(a.z / a.w, b.z / b.w), c.z / c.w);
+    if min(min(a.w, b.w), c.w) < near {
+        // What is too near to the light or behind it is cut off.
+        if max(max(a.w, b.w), c.w) < near {
+            return;
         }
-        if (p.w >= near) != (q.w >= near) {
-            let cut = mix(p, q, (near - p.w) / (q.w - p.w));
-            low = min(low, cut.xy / near);
-            high = max(high, cut.xy / near);
-            nearest = min(nearest, cut.z / near);
+        low = vec2(1e30);
+        high = vec2(-1e30);
+        nearest = 1e30;
+        var corners = array(a, b, c);
+        for (var k = 0; k < 3; k++) {
+            let p = corners[k];
+            let q = corners[(k + 1) % 3];
+            if p.w >= near {
+                low = min(low, p.xy / p.w);
+                high = max(high, p.xy / p.w);
+                nearest = min(nearest, p.z / p.w);
+            }
+            if (p.w >= near) != (q.w >= near) {
+                let cut = mix(p, q, (near - p.w) / (q.w - p.w));
+                low = min(low, cut.xy / near);
+                high = max(high, cut.xy / near);
+                nearest = min(nearest, cut.z / near);
+            }
         }
     }
-    if low.x > high.x || nearest >= grid.farthest {
+    if nearest >= grid.farthest {
         return;
     }
     // Rounding must not move it out of a cell that holds a sample on its edge.
@@ -135,6 +145,19 @@ fn occlude(
     let start = max(vec2<i32>(first), vec2(0));
     let to = min(vec2<i32>(last), grid.size - 1);
     let extent = to - start + 1;
+    // Nothing behind it where it may cover four blocks at most: most of what is lit is left here.
+    let block = start / BLOCK;
+    let last_block = to / BLOCK;
+    if all(last_block - block <= vec2(1)) {
+        let blocks = grid.size.x * grid.size.y + vec2(block.y, last_block.y) * grid.blocks;
+        let behind = max(
+            max(cells[blocks.x + block.x], cells[blocks.x + last_block.x]),
+            max(cells[blocks.y + block.x], cells[blocks.y + last_block.x]),
+        );
+        if behind <= ordered(nearest) {
+            return;
+        }
+    }
     if extent.x * extent.y > CELLS_MAX || extent.x > CELLS_MAX || extent.y > CELLS_MAX {
         for (var y = start.y; y <= to.y; y += TILE) {
             for (var x = start.x; x <= to.x; x += TILE) {

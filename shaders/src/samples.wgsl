@@ -4,23 +4,20 @@ struct Grid {
     low: vec2<f32>,
     cells_per_unit: vec2<f32>,
     size: vec2<i32>,
+    // In a row.
+    blocks: i32,
     farthest: f32,
     // Of all samples, the largest of −x, −y, x, y and depth, as ordered(); 0 for none.
     largest: array<atomic<u32>, 5>,
 }
 
 @group(1) @binding(2) var<storage, read_write> grid: Grid;
-// 1 + the pixel of the first sample of each.
+// 1 + the pixel of the first sample of each; then, for blocks of cells, the largest depth of their
+// samples, as ordered().
 @group(1) @binding(3) var<storage, read_write> cells: array<atomic<u32>>;
 
 // What grazes the surface more is taken for this: it is hardly lit.
 const COSINE_MIN: f32 = 0.1;
-
-// Grows with f, and is never 0.
-fn ordered(f: f32) -> u32 {
-    let bits = bitcast<u32>(f);
-    return select(bits | 0x80000000u, ~bits, (bits >> 31u) == 1u);
-}
 
 fn unordered(code: u32) -> f32 {
     return bitcast<f32>(select(~code, code & 0x7fffffffu, (code >> 31u) == 1u));
@@ -42,38 +39,41 @@ fn place(@builtin(global_invocation_id) id: vec3<u32>) {
         }
         return;
     }
-    let sample = sample_of(seen_point(triangle, vec2<f32>(at) + 0.5));
+    // Not by its depth: where corners are snapped to parts of a pixel that lies beside the triangle.
+    let seen = seen_point(triangle, vec2<f32>(at) + 0.5);
+    let sample = sample_of(seen, (identity & BACK) != 0u);
     samples[pixel] = sample;
     if sample.next == TURNED {
         atomicStore(&occlusion[pixel], HIDDEN);
     }
 }
 
-fn sample_of(seen: Seen) -> Sample {
+// Of a point that is seen on a triangle's front or its back.
+fn sample_of(seen: Seen, is_back: bool) -> Sample {
     let p = frame.light_from_model * vec4(seen.model, 1.0);
     let limit = frame.shadow.z;
     if p.w <= 0.0 || (limit > 0.0 && any(abs(p.xy) > vec2(p.w * limit))) {
         return Sample(0.0, 0.0, 0.0, ABSENT);
     }
+    // The triangle's normal in the light's axes: across its picture and away from it.
+    let turned = frame.light_from_model * vec4(select(seen.across, -seen.across, is_back), 0.0);
     let is_point = frame.light.w > 0.5;
-    let towards = select(frame.light.xyz, frame.light.xyz - seen.world, is_point);
-    let across = normalize((frame.world_from_model * vec4(seen.across, 0.0)).xyz);
-    let incidence = dot(across, normalize(towards));
+    let normal = normalize(vec3(turned.xy, select(turned.z, turned.w, is_point)));
+    let ray = select(vec3(0.0, 0.0, 1.0), normalize(p.xyw), is_point);
+    let incidence = -dot(normal, ray);
     // The side that is seen is not the one that is lit. Casters do not tell: what is nearer than the
     // bias does not count.
-    let to_eye = select(frame.eye.xyz, frame.eye.xyz - seen.world, frame.eye.w > 0.5);
-    if incidence * dot(across, to_eye) <= 0.0 {
+    if incidence <= 0.0 {
         return Sample(0.0, 0.0, 0.0, TURNED);
     }
-    let cosine = max(abs(incidence), COSINE_MIN);
-    let bias = (max(seen.depth, 0.0) * frame.bias.x + frame.bias.y) / cosine;
-    var depth = p.z / p.w - bias;
+    let bias = (max(seen.depth, 0.0) * frame.bias.x + frame.bias.y) / max(incidence, COSINE_MIN);
+    var nearer = p.z / p.w - bias;
     if is_point {
         // So far along the ray; never beyond the light.
         let share = clamp(1.0 - bias / length(p.xyw), 1e-6, 1.0);
-        depth = p.z / (p.w * share);
+        nearer = p.z / (p.w * share);
     }
-    return Sample(p.x / p.w, p.y / p.w, depth, UNBINNED);
+    return Sample(p.x / p.w, p.y / p.w, nearer, UNBINNED);
 }
 
 // A column of 64 pixels each: few enough meet at the same numbers.
@@ -117,9 +117,12 @@ fn lay_out() {
     // Without samples nothing is nearer than the farthest.
     grid.farthest = select(-3e38, largest[4], atomicLoad(&grid.largest[4]) != 0u);
     let extent = max(vec2(largest[2], largest[3]) - grid.low, vec2(1e-30));
-    let room = f32(arrayLength(&cells));
+    // Blocks take no more than what is left: there are 64 cells to most of them, 8 to those of a
+    // grid of one row.
+    let room = f32((arrayLength(&cells) - 64u) / 5u * 4u);
     let columns = clamp(floor(sqrt(room * clamp(extent.x / extent.y, 1e-6, 1e6))), 1.0, room);
     grid.size = vec2<i32>(vec2(columns, max(floor(room / columns), 1.0)));
+    grid.blocks = (grid.size.x + BLOCK - 1) / BLOCK;
     grid.cells_per_unit = vec2<f32>(grid.size) / extent;
 }
 
@@ -137,4 +140,7 @@ fn bin(@builtin(global_invocation_id) id: vec3<u32>) {
     let place = floor((vec2(sample.x, sample.y) - grid.low) * grid.cells_per_unit);
     let cell = clamp(vec2<i32>(place), vec2(0), grid.size - 1);
     samples[pixel].next = atomicExchange(&cells[cell.y * grid.size.x + cell.x], pixel + 1u);
+    let block = cell / BLOCK;
+    let first = grid.size.x * grid.size.y;
+    atomicMax(&cells[first + block.y * grid.blocks + block.x], ordered(sample.depth));
 }

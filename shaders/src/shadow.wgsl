@@ -30,3 +30,12 @@ const ABSENT: u32 = 0xffffffffu;
 @group(1) @binding(0) var identities: texture_2d<u32>;
 @group(1) @binding(1) var<storage, read_write> samples: array<Sample>;
 @group(1) @binding(4) var<storage, read_write> occlusion: array<atomic<u32>>;
+
+// Cells along a block's side.
+const BLOCK: i32 = 4;
+
+// Grows with f, and is never 0.
+fn ordered(f: f32) -> u32 {
+    let bits = bitcast<u32>(f);
+    return select(bits | 0x80000000u, ~bits, (bits >> 31u) == 1u);
+}

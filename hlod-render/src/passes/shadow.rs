@@ -20,7 +20,7 @@ const ABSENT: u32 = u32::MAX;
 const TURNED: u32 = u32::MAX - 1;
 const SAMPLE_BYTES: u64 = size_of::<Sample>() as u64;
 /// Bytes of `Grid`.
-const GRID_BYTES: u64 = 48;
+const GRID_BYTES: u64 = 64;
 /// Bytes of a tile, and how many there is room for; what is beyond is done where it is found.
 const TILE_BYTES: u64 = 64;
 const TILES: u64 = 1 << 15;
@@ -30,6 +30,7 @@ const TILE_GROUPS: u32 = 256;
 const SIDE: u32 = 8;
 /// Pixels that `measure` has in a column, and columns of a workgroup.
 const COLUMN: u32 = 64;
+/// Divisible by 4.
 const CELLS_MIN: u64 = 1 << 12;
 
 pub(super) struct HardShadows {
@@ -126,7 +127,7 @@ impl HardShadows {
             layout,
             samples: buffer(gpu, "samples", SAMPLE_BYTES, usage | wgpu::BufferUsages::COPY_SRC),
             grid: buffer(gpu, "grid", GRID_BYTES, usage),
-            cells: buffer(gpu, "cells", 4 * CELLS_MIN, usage),
+            cells: buffer(gpu, "cells", 8 * CELLS_MIN, usage),
             tiles: buffer(gpu, "tiles", TILE_BYTES * (TILES + 1), usage),
             chunks: buffer(gpu, "caster chunks", 1 << 16, usage),
         }
@@ -160,6 +161,8 @@ impl HardShadows {
         let pixels = u64::from(targets.width()) * u64::from(targets.height());
         // About two cells a sample where half of the area is covered.
         let cells = (u64::from(area.width) * u64::from(area.height)).max(CELLS_MIN);
+        // And a block for every four of them at most.
+        let cells = cells / 4 * 5 + 64;
         for (target, bytes) in
             [(&mut self.samples, SAMPLE_BYTES * pixels), (&mut self.cells, 4 * cells)]
         {
