@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use range_alloc::RangeAllocator;
 
+use crate::edges::NO_VERTEX;
 use crate::gpu::Gpu;
 use crate::loader::GpuMesh;
 use crate::skirts::VERTICES_MAX;
@@ -12,6 +13,9 @@ use crate::skirts::VERTICES_MAX;
 pub(crate) struct Arena {
     pub(crate) vertices: wgpu::Buffer,
     pub(crate) indices: wgpu::Buffer,
+    /// For each index the vertex across the edge that begins there: see [`crate::edges`]. Only of what
+    /// casts shadows.
+    pub(crate) across: wgpu::Buffer,
     /// One RGBA8 a vertex; a single entry where the model has no colours.
     pub(crate) colours: wgpu::Buffer,
     free_vertices: RangeAllocator<u32>,
@@ -28,6 +32,7 @@ pub(crate) struct ArenaSize {
 
 const VERTEX_BYTES: u64 = 16;
 const TRIANGLE_BYTES: u64 = 12;
+const EDGE_BYTES: u64 = 12;
 const COLOUR_BYTES: u64 = 4;
 /// Bytes of one buffer at most.
 const BUFFER_BYTES_MAX: u64 = 128 << 20;
@@ -55,7 +60,7 @@ impl ArenaSize {
     pub(crate) fn bytes(&self) -> u64 {
         let colours = if self.has_colours { COLOUR_BYTES } else { 0 };
         u64::from(self.vertices) * (VERTEX_BYTES + colours)
-            + u64::from(self.triangles) * TRIANGLE_BYTES
+            + u64::from(self.triangles) * (TRIANGLE_BYTES + EDGE_BYTES)
     }
 }
 
@@ -71,7 +76,7 @@ impl Slot {
     /// Bytes on the GPU.
     pub(crate) fn bytes(&self) -> u64 {
         u64::from(self.vertices.end - self.vertices.start) * VERTEX_BYTES
-            + u64::from(self.triangles.end - self.triangles.start) * TRIANGLE_BYTES
+            + u64::from(self.triangles.end - self.triangles.start) * (TRIANGLE_BYTES + EDGE_BYTES)
     }
 }
 
@@ -89,6 +94,7 @@ impl Arena {
         Arena {
             vertices: buffer("vertices", u64::from(size.vertices) * VERTEX_BYTES),
             indices: buffer("indices", u64::from(size.triangles) * TRIANGLE_BYTES),
+            across: buffer("edges", u64::from(size.triangles) * EDGE_BYTES),
             colours: buffer("colours", coloured * COLOUR_BYTES),
             free_vertices: RangeAllocator::new(0..size.vertices),
             free_triangles: RangeAllocator::new(0..size.triangles),
@@ -114,6 +120,11 @@ impl Arena {
             bytemuck::cast_slice(&mesh.vertices),
         );
         write(&self.indices, at(triangles.start, TRIANGLE_BYTES), bytemuck::cast_slice(&indices));
+        if !mesh.across.is_empty() {
+            let moved = |v: &u32| if *v == NO_VERTEX { *v } else { v + vertices.start };
+            let across: Vec<u32> = mesh.across.iter().map(moved).collect();
+            write(&self.across, at(triangles.start, EDGE_BYTES), bytemuck::cast_slice(&across));
+        }
         if !mesh.colours.is_empty() {
             let colours = bytemuck::cast_slice(&mesh.colours);
             write(&self.colours, at(vertices.start, COLOUR_BYTES), colours);

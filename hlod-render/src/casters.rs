@@ -12,15 +12,18 @@
 //! ```
 //!
 //! with a the length that τ_c pixels show at the nearest point of the group's box, d_l,min the least
-//! distance from the light to the caster's box, D_max the largest to a corner of the group's. The
+//! distance from the light to the caster's box, D_max the largest to a corner of the group's. A light
+//! of diameter s blurs what is far from what it falls on, and where nothing may be lit otherwise than
+//! by γ, another γ · s · d_p ÷ (d_l,max + d_p) is allowed, with d_p the least distance from the caster's
+//! box to the group's (of parallel light, s its angle in radians, γ · s · d_p). The
 //! paper has the receivers' *stored* error in place of a, which would ask for leaves wherever leaves
 //! are seen.
 
 use glam::{DMat4, DVec2, DVec3};
 use hlod_compress::RepresentationKind;
 
-use crate::camera::{Camera, Projection};
-use crate::scene::Light;
+use crate::camera::Projection;
+use crate::scene::{Light, Shot};
 use crate::select::{Front, Measure, corners, find_front};
 use crate::skeleton::{Node, Skeleton};
 
@@ -38,6 +41,8 @@ pub struct CasterView {
     world_from_model: DMat4,
     scale: f64,
     light: Light,
+    /// As [`Shot::light_radius`] has it.
+    light_radius: f64,
     frusta: Vec<Frustum>,
     /// τ_c.
     threshold_px: f64,
@@ -52,19 +57,25 @@ struct Frustum {
     pixels: f64,
     /// Largest distance from the light to the box; parallel light: 1.
     reach: f64,
+    /// Bounds of the box, world space.
+    bounds: [DVec3; 2],
 }
+
+/// γ: how much of the light may be hidden or not by what casters are wrong by.
+pub const INTENSITY_STEP: f64 = 1.0 / 64.0;
 
 impl CasterView {
     /// For the nodes drawn of any model, by depth, given by corners of their boxes in world space;
     /// `threshold_px` is τ_c.
     pub fn new(
-        camera: &Camera,
+        shot: &Shot,
         (width, height): (u32, u32),
-        light: Light,
         receivers: &[(u8, [DVec3; 8])],
         threshold_px: f64,
         world_from_model: DMat4,
     ) -> CasterView {
+        let Shot { camera, light, .. } = shot;
+        let (light, radius) = (*light, shot.light_radius());
         let aspect = f64::from(width) / f64::from(height);
         let half = camera.half_extent(aspect);
         let view_from_world = camera.view_from_world();
@@ -97,12 +108,13 @@ impl CasterView {
             let pixels = f64::from(height) / (2.0 * half.y * depth);
             let world_from_view = view_from_world.inverse();
             let box_corners = corners(low, high).map(|p| world_from_view.transform_point3(p));
-            Some(Frustum::new(light, &box_corners, camera.axes()[0], pixels))
+            Some(Frustum::new(light, radius, &box_corners, camera.axes()[0], pixels))
         });
         CasterView {
             world_from_model,
             scale: world_from_model.x_axis.truncate().length(),
             light,
+            light_radius: radius,
             frusta: frusta.collect(),
             threshold_px,
         }
@@ -110,7 +122,17 @@ impl CasterView {
 }
 
 impl Frustum {
-    fn new(light: Light, receivers: &[DVec3; 8], right: DVec3, pixels: f64) -> Frustum {
+    fn new(
+        light: Light,
+        radius: f64,
+        receivers: &[DVec3; 8],
+        right: DVec3,
+        pixels: f64,
+    ) -> Frustum {
+        let of = |axis: fn(DVec3, DVec3) -> DVec3, start: DVec3| {
+            receivers.iter().fold(start, |all, p| axis(all, *p))
+        };
+        let bounds = [of(DVec3::min, DVec3::INFINITY), of(DVec3::max, DVec3::NEG_INFINITY)];
         match light {
             Light::Directional(towards) => {
                 let towards = towards.normalize_or(DVec3::Y);
@@ -120,8 +142,11 @@ impl Frustum {
                 let v = towards.cross(u);
                 let most = |n: DVec3| receivers.iter().map(|p| n.dot(*p)).fold(f64::MIN, f64::max);
                 // Beyond the farthest receiver nothing casts; towards the light there is no end.
-                let planes = [u, -u, v, -v, -towards].map(|n| (n, most(n)));
-                Frustum { planes: planes.to_vec(), pixels, reach: 1.0 }
+                // Rays from a receiver spread by the light's angle.
+                let sides = [u, -u, v, -v].map(|n| n - towards * radius);
+                let planes: Vec<_> =
+                    sides.iter().chain(&[-towards]).map(|n| (*n, most(*n))).collect();
+                Frustum { planes, pixels, reach: 1.0, bounds }
             }
             Light::Point(light) => {
                 let reach = receivers.iter().map(|p| p.distance(light)).fold(0.0, f64::max);
@@ -134,7 +159,7 @@ impl Frustum {
                     let balls = [DVec3::X, DVec3::Y, DVec3::Z].into_iter();
                     let planes =
                         balls.flat_map(|n| [n, -n]).map(|n| (n, n.dot(light) + reach)).collect();
-                    return Frustum { planes, pixels, reach };
+                    return Frustum { planes, pixels, reach, bounds };
                 }
                 let u = (right - axis * right.dot(axis))
                     .try_normalize()
@@ -152,7 +177,9 @@ impl Frustum {
                 let mut planes: Vec<_> = sides.iter().map(|n| (*n, n.dot(light))).collect();
                 planes.push((-axis, -axis.dot(light)));
                 planes.push((axis, farthest));
-                Frustum { planes, pixels, reach }
+                // No ray to any part of the light is farther than its radius from one to the middle.
+                planes.iter_mut().for_each(|(n, offset)| *offset += radius * n.length());
+                Frustum { planes, pixels, reach, bounds }
             }
         }
     }
@@ -192,12 +219,36 @@ impl Measure for CasterView {
         }
         let corners =
             corners(node.min, node.max).map(|p| self.world_from_model.transform_point3(p));
-        let distance = match self.light {
-            Light::Directional(_) => 1.0,
-            Light::Point(light) => distance_to_box(&self.world_from_model, self.scale, light, node),
+        let (nearest, farthest) = match self.light {
+            Light::Directional(_) => (1.0, 1.0),
+            Light::Point(light) => {
+                let farthest = corners.iter().map(|p| p.distance(light)).fold(0.0, f64::max);
+                let nearest = distance_to_box(&self.world_from_model, self.scale, light, node);
+                (nearest, farthest)
+            }
         };
+        let (low, high) = corners
+            .iter()
+            .fold((corners[0], corners[0]), |(low, high), p| (low.min(*p), high.max(*p)));
         let relevant = self.frusta.iter().filter(|f| f.may_hold(&corners));
-        relevant.map(|f| error * self.scale * f.pixels * f.reach / distance).fold(0.0, f64::max)
+        let of_group = |f: &Frustum| {
+            let apart = (f.bounds[0] - high).max(low - f.bounds[1]).max(DVec3::ZERO).length();
+            let blur = match self.light {
+                Light::Directional(_) => 2.0 * self.light_radius * apart,
+                Light::Point(_) if apart > 0.0 => {
+                    2.0 * self.light_radius * apart / (farthest + apart)
+                }
+                Light::Point(_) => 0.0,
+            };
+            // In pixels of shift, as if there were no blur: τ_c is what remains.
+            let allowed =
+                self.threshold_px * nearest / (f.pixels * f.reach) + INTENSITY_STEP * blur;
+            match self.threshold_px > 0.0 {
+                true => self.threshold_px * error * self.scale / allowed,
+                false => f64::INFINITY,
+            }
+        };
+        relevant.map(of_group).fold(0.0, f64::max)
     }
 
     fn threshold_px(&self) -> f64 {
@@ -225,6 +276,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::camera::Camera;
+    use crate::scene::{BACKGROUND, Material, Paint, Shadow};
     use crate::select::tests::tree_of;
     use crate::select::{Selection, View, select};
 
@@ -245,6 +298,24 @@ mod tests {
     fn camera(eye: DVec3, target: DVec3) -> Camera {
         let projection = Projection::Perspective { fov_y: 0.7 };
         Camera { eye, target, up: DVec3::Y, projection, near: 0.02 }
+    }
+
+    fn shot(camera: Camera, light: Light, light_size: f64) -> Shot {
+        Shot {
+            camera,
+            light,
+            material: Material::default(),
+            background: BACKGROUND,
+            representation: Default::default(),
+            paint: Paint::Shaded,
+            error_threshold_px: 0.5,
+            shadow: Shadow::Soft,
+            light_size,
+            caster_threshold_px: 0.5,
+            sample_offset_px: DVec2::ZERO,
+            draw_backs: false,
+            backs_magenta: false,
+        }
     }
 
     proptest! {
@@ -276,7 +347,7 @@ mod tests {
             let clip = camera.clip_from_view(640.0 / 480.0) * camera.view_from_world() * seen.extend(1.0);
             prop_assume!(clip.x.abs() < clip.w && clip.y.abs() < clip.w && clip.z < clip.w);
             let caster_view =
-                CasterView::new(&camera, SIZE, light, &boxes, threshold_px, DMat4::IDENTITY);
+                CasterView::new(&shot(camera, light, 0.0), SIZE, &boxes, threshold_px, DMat4::IDENTITY);
             let front = select_casters(&casters, &caster_view, &|_, _| true);
             let (way, leverage) = match light {
                 // Until it leaves the model's box.
@@ -307,7 +378,7 @@ mod tests {
         let floor = corners(DVec3::new(-1.0, -9.0, -1.0), DVec3::new(1.0, -8.0, 1.0));
         let camera = camera(DVec3::new(0.0, -5.0, 12.0), DVec3::new(0.0, -8.0, 0.0));
         let view = |light: Light, boxes: &[(u8, [DVec3; 8])]| {
-            CasterView::new(&camera, SIZE, light, boxes, 0.5, DMat4::IDENTITY)
+            CasterView::new(&shot(camera, light, 0.0), SIZE, boxes, 0.5, DMat4::IDENTITY)
         };
         let nodes = |light: Light, boxes: &[(u8, [DVec3; 8])]| {
             select_casters(&casters, &view(light, boxes), &|_, _| true).draws.len()

@@ -148,7 +148,8 @@ impl Renderer {
                         // a triangle that faces the light: the others need not cast. Where it
                         // enters may be nearer than the bias.
                         let node = &model.skeleton().nodes()[draw.node as usize];
-                        let cull_backs = node.closed_oriented && is_outside(model, shot.light);
+                        let cull_backs = node.closed_oriented
+                            && is_outside(model, shot.light, shot.light_radius());
                         let triangles = slot.triangles.clone();
                         casting.push(Range { uniform: index, triangles, cull_backs });
                     }
@@ -184,7 +185,11 @@ impl Renderer {
         let shadow = match (&hidden, shot.shadow) {
             (Some(hidden), _) => DrawnShadow::Traced { faces: &faces, hidden },
             (None, Shadow::None) => DrawnShadow::None,
-            (None, _) => DrawnShadow::Cast { ranges: &casting, faces: &faces },
+            (None, _) => DrawnShadow::Cast {
+                ranges: &casting,
+                faces: &faces,
+                is_soft: shot.light_radius() > 0.0,
+            },
         };
         let drawn = Drawn { ranges: &ranges, parts: &parts, area: seen.rectangle(), shadow };
         self.passes.encode(gpu, &uniforms, &drawn, shot, targets)
@@ -216,8 +221,9 @@ fn lit(models: &[Model], fronts: &Fronts, shot: &Shot) -> Lit {
 }
 
 /// Whether a light is outside a model's bounds.
-fn is_outside(model: &Model, light: Light) -> bool {
+fn is_outside(model: &Model, light: Light, radius: f64) -> bool {
     let (low, high) = model.bounds();
+    let (low, high) = (low - radius, high + radius);
     match light {
         Light::Directional(_) => true,
         Light::Point(p) => p.cmplt(low).any() || p.cmpgt(high).any(),
@@ -296,14 +302,13 @@ fn update(
         let is_resident = |n, r| model.is_resident(n, r);
         fronts.receivers.push(select(model.skeleton(), &view, selection, &is_resident));
     }
-    if shot.shadow == Shadow::Hard {
+    if matches!(shot.shadow, Shadow::Hard | Shadow::Soft) {
         let threshold_px = if full { 0.0 } else { shot.caster_threshold_px };
         let boxes = visible_boxes(models, &fronts.receivers);
         for model in models.iter() {
             let placed = model.world_from_model();
             let size = (width, height);
-            let view =
-                CasterView::new(&shot.camera, size, shot.light, &boxes, threshold_px, placed);
+            let view = CasterView::new(shot, size, &boxes, threshold_px, placed);
             let is_resident = |n, r| model.is_resident(n, r);
             fronts.casters.push(select_casters(model.skeleton(), &view, &is_resident));
         }

@@ -13,6 +13,7 @@ pub mod audit;
 pub mod bench;
 pub mod camera;
 pub mod casters;
+mod edges;
 mod error;
 pub mod frame;
 pub mod framing;

@@ -1,6 +1,6 @@
 //! How the light sees the scene: see `shadow.wgsl` for the space.
 
-use glam::{DMat4, DVec3, DVec4};
+use glam::{DMat4, DVec2, DVec3, DVec4};
 
 use crate::scene::Light;
 
@@ -69,15 +69,17 @@ impl Face {
         Face { light_from_world: rows.transpose(), near, limit, axes: [u, v, away], light }
     }
 
-    /// A point of light space (x / w, y / w, z / w) in the world, the way to the light, and how many
-    /// times that leads there.
-    pub(crate) fn world(&self, [x, y, depth]: [f64; 3]) -> (DVec3, DVec3, f64) {
+    /// A point of light space (x / w, y / w, z / w) in the world, the way from there to a point of the
+    /// light, and how many times that leads there. `on_light` is across its picture: in world units,
+    /// or of parallel light tangents.
+    pub(crate) fn world(&self, [x, y, depth]: [f64; 3], on_light: DVec2) -> (DVec3, DVec3, f64) {
         let [u, v, away] = self.axes;
+        let offset = u * on_light.x + v * on_light.y;
         match self.light {
-            None => (u * x + v * y + away * depth, -away, f64::INFINITY),
+            None => (u * x + v * y + away * depth, offset - away, f64::INFINITY),
             Some(light) => {
-                let offset = (u * x + v * y + away) / -depth;
-                (light + offset, -offset, 1.0)
+                let point = (u * x + v * y + away) / -depth;
+                (light + point, offset - point, 1.0)
             }
         }
     }
@@ -104,7 +106,8 @@ mod tests {
                         continue;
                     }
                     found += 1;
-                    let (back, to_light, _) = face.world([p.x / p.w, p.y / p.w, p.z / p.w]);
+                    let place = [p.x / p.w, p.y / p.w, p.z / p.w];
+                    let (back, to_light, _) = face.world(place, DVec2::ZERO);
                     assert!(back.distance(point) < 1e-12, "{light:?} {back}");
                     match light {
                         Light::Point(l) => assert!((back + to_light).distance(l) < 1e-12),

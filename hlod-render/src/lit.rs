@@ -6,13 +6,15 @@ use crate::frame::world_per_pixel;
 use crate::light_space::{Face, faces};
 use crate::passes::{FaceUniforms, FrameUniform, Targets};
 use crate::scene::{Light, Shot};
-use crate::traced::Tracer;
+use crate::traced::{LIGHT_RAYS, Tracer};
 
 /// The light of one frame.
 pub(crate) struct Lit {
     /// World space; light space is relative to it.
     centre: DVec3,
     faces: Vec<Face>,
+    /// As [`Shot::light_radius`] has it.
+    radius: f64,
     /// Pixels by which what casts and what is seen may be apart.
     apart_px: f64,
     /// What rounding may do to positions, world units.
@@ -45,6 +47,7 @@ impl Lit {
         Lit {
             centre,
             faces: faces(light, shot.camera.axes()[0], &points),
+            radius: shot.light_radius(),
             apart_px: apart_px.min(APART_PX_MAX),
             rounding: ROUNDING * (reach + far),
         }
@@ -62,7 +65,7 @@ impl Lit {
             let relative = DMat4::from_translation(-self.centre) * part.world_from_model;
             FrameUniform {
                 light_from_model: (face.light_from_world * relative).as_mat4(),
-                shadow: Vec4::new(1.0, face.near as f32, face.limit as f32, 0.0),
+                shadow: Vec4::new(1.0, face.near as f32, face.limit as f32, self.radius as f32),
                 bias: Vec4::new(bias as f32, self.rounding as f32, 0.0, 0.0),
                 ..part.uniform
             }
@@ -83,6 +86,11 @@ impl Lit {
         &'a self,
         tracer: &'a Tracer,
     ) -> impl Fn(usize, &[Option<[f32; 3]>]) -> Vec<u32> + 'a {
-        move |face, points| tracer.occlusion(points, &|p| self.faces[face].world(p.map(f64::from)))
+        let rays = if self.radius > 0.0 { LIGHT_RAYS } else { 1 };
+        move |face, points| {
+            tracer.occlusion(points, rays, &|p, on_disc| {
+                self.faces[face].world(p.map(f64::from), on_disc * self.radius)
+            })
+        }
     }
 }

@@ -12,9 +12,11 @@ use std::time::{Duration, Instant};
 
 use bytemuck::{Pod, Zeroable};
 use hlod_compress::{
-    BlockRef, CellKey, FormatError, Header, HlodFile, Lattice, PageRef, SkeletonBlock, decode_mesh,
+    BlockRef, CellKey, FormatError, Header, HlodFile, Lattice, PageRef, RepresentationKind,
+    SkeletonBlock, decode_mesh,
 };
 
+use crate::edges::across;
 use crate::skirts::skirts;
 
 /// What a request is for, as its submitter knows it.
@@ -25,8 +27,8 @@ pub type Ticket = u64;
 pub enum Part {
     /// A skeleton block.
     Block(BlockRef),
-    /// A page, and the cell of its node.
-    Page(PageRef, CellKey),
+    /// A page, the cell of its node, and what it is for.
+    Page(PageRef, CellKey, RepresentationKind),
 }
 
 impl Part {
@@ -34,7 +36,7 @@ impl Part {
     pub fn file_bytes(&self) -> u64 {
         match self {
             Part::Block(block) => u64::from(block.block_bytes),
-            Part::Page(page, _) => u64::from(page.page_bytes),
+            Part::Page(page, ..) => u64::from(page.page_bytes),
         }
     }
 }
@@ -90,6 +92,8 @@ pub struct GpuMesh {
     /// Three a triangle, counted from the mesh's first vertex; of skirts with the marks of
     /// [`crate::skirts`].
     pub indices: Vec<u32>,
+    /// Of what casts shadows, the vertex across each edge: see `edges.rs`. Skirts have none.
+    pub across: Vec<u32>,
 }
 
 /// Centre of the root cube in source coordinates: the origin of model space.
@@ -106,7 +110,7 @@ pub fn decode(part: &Part, bytes: &[u8], header: &Header) -> Result<Loaded, Form
     let lattice = &header.lattice;
     match part {
         Part::Block(block) => SkeletonBlock::parse(bytes, *block).map(Loaded::Block),
-        Part::Page(page, cell) => {
+        Part::Page(page, cell, kind) => {
             page.check(bytes)?;
             let mesh = decode_mesh(bytes)?;
             let half = f64::from(lattice.root_units) / 2.0;
@@ -119,7 +123,12 @@ pub fn decode(part: &Part, bytes: &[u8], header: &Header) -> Result<Loaded, Form
             let budget =
                 f64::from(lattice.cell_units(cell.depth())) / f64::from(header.resolution.max(1));
             indices.extend(skirts(&mesh, *cell, lattice, budget));
-            Ok(Loaded::Mesh(GpuMesh { vertices, colours: mesh.colours, indices }))
+            // Casters are of the geometric hierarchy, and leaves of every one.
+            let across = match kind {
+                RepresentationKind::Appearance => Vec::new(),
+                _ => across(&mesh),
+            };
+            Ok(Loaded::Mesh(GpuMesh { vertices, colours: mesh.colours, indices, across }))
         }
     }
 }
@@ -203,7 +212,7 @@ fn work(shared: &Shared, completions: &mpsc::Sender<Completion>) {
 
         let read = match &part {
             Part::Block(b) => shared.file.read_range("skeleton block", b.offset, b.block_bytes),
-            Part::Page(p, _) => shared.file.read_range("page", p.offset, p.page_bytes),
+            Part::Page(p, ..) => shared.file.read_range("page", p.offset, p.page_bytes),
         };
         let bytes_read = read.as_ref().map_or(0, |bytes| bytes.len() as u64);
         let result = read.and_then(|bytes| decode(&part, &bytes, shared.file.header()));

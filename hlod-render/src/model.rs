@@ -105,7 +105,8 @@ impl Model {
         };
         let root = model.skeleton.nodes()[0].representations.clone();
         for (i, representation) in root.iter().enumerate() {
-            let part = crate::loader::Part::Page(representation.page, CellKey::ROOT);
+            let part =
+                crate::loader::Part::Page(representation.page, CellKey::ROOT, representation.kind);
             let bytes = file.read_page(representation.page).map_err(&format)?;
             model.bytes_read += bytes.len() as u64;
             if let Loaded::Mesh(mesh) = decode(&part, &bytes, &model.header).map_err(&format)? {

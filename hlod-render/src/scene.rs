@@ -101,6 +101,8 @@ pub enum Shadow {
     None,
     /// Of a light without extent, from the casters' front.
     Hard,
+    /// Of a light that is a disc, [`Shot::light_size`] wide; of size 0 they are the hard ones.
+    Soft,
     /// The same from the scan's own triangles, by rays: slow, and what the others are compared with.
     Traced,
 }
@@ -111,6 +113,7 @@ impl Shadow {
         match self {
             Shadow::None => "none",
             Shadow::Hard => "hard",
+            Shadow::Soft => "soft",
             Shadow::Traced => "traced",
         }
     }
@@ -143,6 +146,9 @@ pub struct Shot {
     pub error_threshold_px: f64,
     /// What shadows are drawn.
     pub shadow: Shadow,
+    /// Diameter of the light where shadows are soft or traced: of a point in world units, of parallel
+    /// light the angle in degrees under which it is seen.
+    pub light_size: f64,
     /// τ_c in pixels: see [`crate::casters`].
     pub caster_threshold_px: f64,
     /// Where in each pixel its sample is, from the middle to the right and downwards; in pixels.
@@ -154,6 +160,16 @@ pub struct Shot {
 }
 
 impl Shot {
+    /// Radius of the light as shadows have it: of parallel light the tangent of its angle; 0 where
+    /// shadows are hard.
+    pub fn light_radius(&self) -> f64 {
+        match (self.shadow, self.light) {
+            (Shadow::None | Shadow::Hard, _) => 0.0,
+            (_, Light::Point(_)) => self.light_size / 2.0,
+            (_, Light::Directional(_)) => (self.light_size.min(170.0) / 2.0).to_radians().tan(),
+        }
+    }
+
     /// For a picture of n × n samples a pixel: the pixels decide what is fine enough.
     pub fn finer(&self, n: u32) -> Shot {
         let n = f64::from(n);

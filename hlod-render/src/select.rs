@@ -9,7 +9,7 @@ use hlod_compress::RepresentationKind;
 
 use crate::camera::{Camera, Projection};
 use crate::loader::{Part, Ticket};
-use crate::skeleton::{ChildLink, Node, Skeleton};
+use crate::skeleton::{ChildLink, Node, NodeRepresentation, Skeleton};
 
 /// What is asked of the front.
 #[derive(Debug, Clone, Copy)]
@@ -339,10 +339,10 @@ impl Search<'_> {
 
     fn want_page(&mut self, draw: &Draw) {
         let node = &self.skeleton.nodes()[draw.node as usize];
-        let page = node.representations[draw.representation].page;
+        let NodeRepresentation { page, kind, .. } = node.representations[draw.representation];
         self.front.wanted.push(Wanted {
             ticket: page_ticket(draw.node, draw.representation),
-            part: Part::Page(page, node.cell),
+            part: Part::Page(page, node.cell, kind),
             urgency: self.urgency(draw),
         });
     }

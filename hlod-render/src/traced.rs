@@ -1,6 +1,6 @@
 //! Ground truth for shadows: rays against the scan's own triangles, on the processor.
 
-use glam::{DVec3, Vec3A};
+use glam::{DVec2, DVec3, Vec3A};
 use hlod_compress::{HlodFile, RepresentationKind, decode_mesh};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
@@ -25,9 +25,12 @@ pub struct Tracer {
     triangles: Vec<Corners>,
 }
 
-/// From a point in light space to its place, the way to the light, and how many times that leads
-/// there.
-type WayToLight<'a> = dyn Fn(&[f32; 3]) -> (DVec3, DVec3, f64) + Sync + 'a;
+/// From points in light space and on the light's disc to the first one's place, the way to the second,
+/// and how many times that leads there.
+type WayToLight<'a> = dyn Fn(&[f32; 3], DVec2) -> (DVec3, DVec3, f64) + Sync + 'a;
+
+/// Rays to a light that is a disc.
+pub(crate) const LIGHT_RAYS: u32 = 256;
 
 /// A triangle; boxes of the hierarchy are in f32, and rounded outwards.
 #[derive(Clone, Copy)]
@@ -107,17 +110,29 @@ impl Tracer {
         })
     }
 
-    /// For each point what is hidden of the light; `way` gives its place, the way to the light and
-    /// how far that leads.
-    pub(crate) fn occlusion(&self, points: &[Option<[f32; 3]>], way: &WayToLight<'_>) -> Vec<u32> {
-        let one = |point: &Option<[f32; 3]>| match point {
-            Some(point) => {
-                let (place, way, length) = way(point);
-                if self.is_hidden(place, way, length) { HIDDEN } else { 0 }
-            }
-            None => 0,
+    /// For each point how much is hidden of a light; `way` gives its place, the way to a point of the
+    /// light's disc of radius 1, and how many times that leads there. `rays` is 1 for a light without
+    /// extent; otherwise they lie on a spiral (Vogel 1979) that is turned from point to point.
+    pub(crate) fn occlusion(
+        &self,
+        points: &[Option<[f32; 3]>],
+        rays: u32,
+        way: &WayToLight<'_>,
+    ) -> Vec<u32> {
+        const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+        let one = |(i, point): (usize, &Option<[f32; 3]>)| {
+            let Some(point) = point else { return 0 };
+            let turn = (i as f64 * 0.618_033_988_749_895).fract() * std::f64::consts::TAU;
+            let hidden = (0..rays).filter(|&k| {
+                let radius = ((f64::from(k) + 0.5) / f64::from(rays)).sqrt();
+                let on_disc = DVec2::from_angle(f64::from(k) * GOLDEN_ANGLE + turn) * radius;
+                let on_disc = if rays == 1 { DVec2::ZERO } else { on_disc };
+                let (place, way, length) = way(point, on_disc);
+                self.is_hidden(place, way, length)
+            });
+            (hidden.count() as u32 * HIDDEN).div_ceil(rays)
         };
-        points.par_iter().map(one).collect()
+        points.par_iter().enumerate().map(one).collect()
     }
 }
 

@@ -165,6 +165,7 @@ fn offscreen(file: &Path) -> Picture {
         paint: Paint::Shaded,
         error_threshold_px: 0.5,
         shadow: Shadow::None,
+        light_size: 0.0,
         caster_threshold_px: CASTER_THRESHOLD_PX,
         sample_offset_px: glam::DVec2::ZERO,
         draw_backs: false,

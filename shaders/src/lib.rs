@@ -68,6 +68,23 @@ pub const OCCLUDE: Pass = Pass {
     ),
 };
 
+/// How much of a disc is hidden from these points: `soften`, `soften_tiles`.
+pub const SOFTEN: Pass = Pass {
+    name: "soften",
+    source: concat!(
+        include_str!("shared.wgsl"),
+        include_str!("visible.wgsl"),
+        include_str!("shadow.wgsl"),
+        include_str!("soften.wgsl")
+    ),
+};
+
+/// From sums of hidden parts to occlusion: `settle`.
+pub const SETTLE: Pass = Pass {
+    name: "settle",
+    source: concat!(include_str!("shared.wgsl"), include_str!("settle.wgsl")),
+};
+
 /// Levels of detail or borders of nodes instead of shading.
 pub const EXPLAIN: Pass = Pass {
     name: "explain",
@@ -78,8 +95,8 @@ pub const EXPLAIN: Pass = Pass {
 pub const PANEL: Pass = Pass { name: "panel", source: include_str!("panel.wgsl") };
 
 /// Every pass.
-pub const ALL: [Pass; 9] =
-    [SURFACE, SMALL, LARGE, RESOLVE, SHADE, SAMPLES, OCCLUDE, EXPLAIN, PANEL];
+pub const ALL: [Pass; 11] =
+    [SURFACE, SMALL, LARGE, RESOLVE, SHADE, SAMPLES, OCCLUDE, SOFTEN, SETTLE, EXPLAIN, PANEL];
 
 #[cfg(test)]
 mod tests {

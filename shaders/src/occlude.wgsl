@@ -1,6 +1,6 @@
 // Hard shadows, second half: what lies between the samples and the light. See shadow.wgsl.
 
-struct Grid {
+struct Cells {
     low: vec2<f32>,
     cells_per_unit: vec2<f32>,
     size: vec2<i32>,
@@ -9,6 +9,9 @@ struct Grid {
     farthest: f32,
     // Of all samples, the largest of −x, −y, x, y and depth, as ordered(); 0 for none.
     largest: array<u32, 5>,
+    // 1 + the pixel of the first sample of each; then, for blocks of cells, the largest depth of
+    // their samples, as ordered().
+    cell: array<u32>,
 }
 
 struct Chunk {
@@ -32,12 +35,11 @@ struct Tiles {
     tile: array<Tile>,
 }
 
-@group(1) @binding(2) var<storage, read_write> grid: Grid;
-// 1 + the pixel of the first sample of each; then, for blocks of cells, the largest depth of their
-// samples, as ordered().
-@group(1) @binding(3) var<storage, read_write> cells: array<u32>;
-@group(1) @binding(5) var<storage, read> chunks: array<Chunk>;
-@group(1) @binding(6) var<storage, read_write> tiles: Tiles;
+@group(1) @binding(1) var<storage, read_write> samples: array<Sample>;
+@group(1) @binding(2) var<storage, read_write> grid: Cells;
+@group(1) @binding(3) var<storage, read_write> occlusion: array<atomic<u32>>;
+@group(1) @binding(4) var<storage, read> chunks: array<Chunk>;
+@group(1) @binding(5) var<storage, read_write> tiles: Tiles;
 
 // In a chunk's count: only what faces the light casts.
 const CULLED: u32 = 0x80000000u;
@@ -48,7 +50,7 @@ const TILE: i32 = 8;
 // Hides the samples in a rectangle of cells that lie behind the triangle.
 fn hide(first: vec2<i32>, last: vec2<i32>, a: vec4<f32>, b: vec4<f32>, c: vec4<f32>) {
     var at = first;
-    var entry = cells[at.y * grid.size.x + at.x];
+    var entry = grid.cell[at.y * grid.size.x + at.x];
     // One loop over cells and what is in them: neighbouring threads have different ones to do.
     loop {
         if entry == 0u {
@@ -59,7 +61,7 @@ fn hide(first: vec2<i32>, last: vec2<i32>, a: vec4<f32>, b: vec4<f32>, c: vec4<f
                     break;
                 }
             }
-            entry = cells[at.y * grid.size.x + at.x];
+            entry = grid.cell[at.y * grid.size.x + at.x];
             continue;
         }
         let pixel = entry - 1u;
@@ -151,8 +153,8 @@ fn occlude(
     if all(last_block - block <= vec2(1)) {
         let blocks = grid.size.x * grid.size.y + vec2(block.y, last_block.y) * grid.blocks;
         let behind = max(
-            max(cells[blocks.x + block.x], cells[blocks.x + last_block.x]),
-            max(cells[blocks.y + block.x], cells[blocks.y + last_block.x]),
+            max(grid.cell[blocks.x + block.x], grid.cell[blocks.x + last_block.x]),
+            max(grid.cell[blocks.y + block.x], grid.cell[blocks.y + last_block.x]),
         );
         if behind <= ordered(nearest) {
             return;

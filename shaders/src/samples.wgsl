@@ -1,6 +1,6 @@
 // Hard shadows, first half: what is seen, as the light sees it, into a grid. See shadow.wgsl.
 
-struct Grid {
+struct Cells {
     low: vec2<f32>,
     cells_per_unit: vec2<f32>,
     size: vec2<i32>,
@@ -9,12 +9,15 @@ struct Grid {
     farthest: f32,
     // Of all samples, the largest of −x, −y, x, y and depth, as ordered(); 0 for none.
     largest: array<atomic<u32>, 5>,
+    // 1 + the pixel of the first sample of each; then, for blocks of cells, the largest depth of
+    // their samples, as ordered().
+    cell: array<atomic<u32>>,
 }
 
-@group(1) @binding(2) var<storage, read_write> grid: Grid;
-// 1 + the pixel of the first sample of each; then, for blocks of cells, the largest depth of their
-// samples, as ordered().
-@group(1) @binding(3) var<storage, read_write> cells: array<atomic<u32>>;
+@group(1) @binding(0) var identities: texture_2d<u32>;
+@group(1) @binding(1) var<storage, read_write> samples: array<Sample>;
+@group(1) @binding(2) var<storage, read_write> grid: Cells;
+@group(1) @binding(3) var<storage, read_write> occlusion: array<atomic<u32>>;
 
 // What grazes the surface more is taken for this: it is hardly lit.
 const COSINE_MIN: f32 = 0.1;
@@ -119,7 +122,7 @@ fn lay_out() {
     let extent = max(vec2(largest[2], largest[3]) - grid.low, vec2(1e-30));
     // Blocks take no more than what is left: there are 64 cells to most of them, 8 to those of a
     // grid of one row.
-    let room = f32((arrayLength(&cells) - 64u) / 5u * 4u);
+    let room = f32((arrayLength(&grid.cell) - 64u) / 5u * 4u);
     let columns = clamp(floor(sqrt(room * clamp(extent.x / extent.y, 1e-6, 1e6))), 1.0, room);
     grid.size = vec2<i32>(vec2(columns, max(floor(room / columns), 1.0)));
     grid.blocks = (grid.size.x + BLOCK - 1) / BLOCK;
@@ -139,8 +142,8 @@ fn bin(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let place = floor((vec2(sample.x, sample.y) - grid.low) * grid.cells_per_unit);
     let cell = clamp(vec2<i32>(place), vec2(0), grid.size - 1);
-    samples[pixel].next = atomicExchange(&cells[cell.y * grid.size.x + cell.x], pixel + 1u);
+    samples[pixel].next = atomicExchange(&grid.cell[cell.y * grid.size.x + cell.x], pixel + 1u);
     let block = cell / BLOCK;
     let first = grid.size.x * grid.size.y;
-    atomicMax(&cells[first + block.y * grid.blocks + block.x], ordered(sample.depth));
+    atomicMax(&grid.cell[first + block.y * grid.blocks + block.x], ordered(sample.depth));
 }

@@ -27,9 +27,6 @@ const UNBINNED: u32 = 0u;
 const TURNED: u32 = 0xfffffffeu;
 const ABSENT: u32 = 0xffffffffu;
 
-@group(1) @binding(0) var identities: texture_2d<u32>;
-@group(1) @binding(1) var<storage, read_write> samples: array<Sample>;
-@group(1) @binding(4) var<storage, read_write> occlusion: array<atomic<u32>>;
 
 // Cells along a block's side.
 const BLOCK: i32 = 4;

@@ -40,6 +40,7 @@ fn shot(framing: &Framing, representation: Representation) -> Shot {
         paint: Paint::Shaded,
         error_threshold_px: 0.5,
         shadow: Shadow::None,
+        light_size: 0.0,
         caster_threshold_px: CASTER_THRESHOLD_PX,
         sample_offset_px: glam::DVec2::ZERO,
         draw_backs: false,

@@ -150,6 +150,7 @@ fn shot(eye: DVec3, light: Light) -> Shot {
         paint: Paint::Shaded,
         error_threshold_px: 0.5,
         shadow: Shadow::Hard,
+        light_size: 0.0,
         caster_threshold_px: CASTER_THRESHOLD_PX,
         sample_offset_px: DVec2::ZERO,
         draw_backs: false,

@@ -84,9 +84,14 @@ pub struct DrawArgs {
     /// Leave small triangles to the adapter's rasteriser, too, instead of compute.
     #[arg(long)]
     pub fixed_function: bool,
-    /// Shadows: none, hard, or traced, which is the same by rays against every triangle of the scan.
+    /// Shadows: none, hard, soft, or traced, which is either by rays against every triangle of the
+    /// scan.
     #[arg(long, value_enum, default_value = "none")]
     pub shadow: ShadowArg,
+    /// Diameter of the light, where shadows are soft or traced: of a lamp in statue heights, of
+    /// parallel light the angle in degrees under which it is seen [default: soft 0.05 or 3, traced 0].
+    #[arg(long, value_name = "SIZE", value_parser = not_negative)]
+    pub light_size: Option<f64>,
     /// Largest shift of a shadow's edge by what casts it, in pixels (τ_c).
     #[arg(long, value_name = "PX", default_value_t = CASTER_THRESHOLD_PX, value_parser = positive)]
     pub caster_tau: f64,
@@ -103,6 +108,7 @@ pub struct DrawArgs {
 pub enum ShadowArg {
     None,
     Hard,
+    Soft,
     Traced,
 }
 
@@ -111,6 +117,7 @@ impl ShadowArg {
         match self {
             ShadowArg::None => Shadow::None,
             ShadowArg::Hard => Shadow::Hard,
+            ShadowArg::Soft => Shadow::Soft,
             ShadowArg::Traced => Shadow::Traced,
         }
     }
@@ -292,6 +299,24 @@ fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
         _ => Err("expected a positive number".into()),
+    }
+}
+
+fn not_negative(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value >= 0.0 && value.is_finite() => Ok(value),
+        _ => Err("expected a number that is not negative".into()),
+    }
+}
+
+/// The light's size as a [`hlod_render::scene::Shot`] has it.
+pub fn light_size(draw: &DrawArgs, light: Light, framing: &Framing) -> f64 {
+    let is_soft = matches!(draw.shadow, ShadowArg::Soft);
+    match light {
+        Light::Point(_) => {
+            draw.light_size.unwrap_or(if is_soft { 0.05 } else { 0.0 }) * framing.height
+        }
+        Light::Directional(_) => draw.light_size.unwrap_or(if is_soft { 3.0 } else { 0.0 }),
     }
 }
 

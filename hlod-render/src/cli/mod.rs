@@ -126,15 +126,17 @@ fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Fail
         true => EXACT_THRESHOLDS_PX,
         false => (draw.precision.tau, draw.caster_tau),
     };
+    let light = args::light(&draw.light, &camera, framing);
     Ok(Shot {
         camera,
-        light: args::light(&draw.light, &camera, framing),
+        light,
         material: Material::default(),
         background: BACKGROUND,
         representation: draw.precision.representation.validated().map_err(Failure::Usage)?,
         paint: Paint::Shaded,
         error_threshold_px: tau,
         shadow: draw.shadow.shadow(),
+        light_size: args::light_size(draw, light, framing),
         caster_threshold_px: caster_tau,
         sample_offset_px: glam::DVec2::ZERO,
         draw_backs: false,

@@ -5,6 +5,7 @@ mod chunks;
 mod explain;
 mod shadow;
 mod small;
+mod soft;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec4};
@@ -17,6 +18,7 @@ pub(crate) use explain::DrawnPart;
 use explain::Explain;
 use shadow::{HardShadows, LightFace};
 use small::SmallTriangles;
+use soft::SoftShadows;
 
 /// What shaders know of a frame, once for each arena; see `Frame` in `shared.wgsl`.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -79,6 +81,8 @@ pub(crate) enum DrawnShadow<'a> {
     Cast {
         ranges: &'a [Range],
         faces: &'a [FaceUniforms],
+        /// Of a light that is a disc.
+        is_soft: bool,
     },
     /// For each of the light's faces, what is hidden of points in light space; `None` for pixels
     /// without one.
@@ -193,6 +197,7 @@ pub(crate) struct Passes {
     explain: Explain,
     small: Option<SmallTriangles>,
     shadow: HardShadows,
+    soft: SoftShadows,
     /// Stands in for occlusion where there are no shadows.
     unoccluded: wgpu::Buffer,
     geometry_layout: wgpu::BindGroupLayout,
@@ -319,6 +324,7 @@ impl Passes {
             indirect: buffer(gpu, "draws", 1024 * 16, wgpu::BufferUsages::INDIRECT),
             small: SmallTriangles::new(gpu, &geometry_layout),
             shadow: HardShadows::new(gpu, &geometry_layout),
+            soft: SoftShadows::new(gpu, &geometry_layout),
             unoccluded: buffer(gpu, "unoccluded", 4, wgpu::BufferUsages::STORAGE),
             geometry_layout,
             identity_layout,
@@ -359,6 +365,15 @@ impl Passes {
                 casting.sort_by_key(|r| (r.uniform, r.cull_backs, r.triangles.start));
                 Some(self.shadow.prepare(gpu, uniforms.len(), &casting, targets, area))
             }
+        };
+
+        let soft_work = match (&drawn.shadow, &shadow_work) {
+            (DrawnShadow::Cast { is_soft: true, .. }, Some(work)) => {
+                let arenas: Vec<&Arena> = uniforms.iter().map(|(_, arena)| *arena).collect();
+                let (buffers, cells) = self.shadow.shared(work);
+                Some(self.soft.prepare(gpu, buffers, cells, &arenas, targets, area))
+            }
+            _ => None,
         };
 
         // Upload the uniforms: the frame's, then each face's, and the draws.
@@ -450,7 +465,8 @@ impl Passes {
         }
         match (&drawn.shadow, &shadow_work) {
             (DrawnShadow::Cast { .. }, Some(work)) => {
-                self.shadow.encode(gpu, &mut encoder, work, &light_faces, targets);
+                let soft = soft_work.as_ref().map(|soft| (&self.soft, soft));
+                self.shadow.encode(gpu, &mut encoder, work, soft, &light_faces, targets);
             }
             (DrawnShadow::Traced { hidden, .. }, Some(work)) => {
                 gpu.queue.submit([encoder.finish()]);

@@ -3,6 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::chunks::Chunks;
+use super::soft::{SoftShadows, SoftWork};
 use super::{Hidden, Range, Rectangle, Targets, buffer, entry, write_growing};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
@@ -19,8 +20,8 @@ struct Sample {
 const ABSENT: u32 = u32::MAX;
 const TURNED: u32 = u32::MAX - 1;
 const SAMPLE_BYTES: u64 = size_of::<Sample>() as u64;
-/// Bytes of `Grid`.
-const GRID_BYTES: u64 = 64;
+/// Bytes of `Cells` before its cells.
+const GRID_BYTES: u64 = 56;
 /// Bytes of a tile, and how many there is room for; what is beyond is done where it is found.
 const TILE_BYTES: u64 = 64;
 const TILES: u64 = 1 << 15;
@@ -42,7 +43,6 @@ pub(super) struct HardShadows {
     occlude_tiles: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
     samples: wgpu::Buffer,
-    grid: wgpu::Buffer,
     cells: wgpu::Buffer,
     tiles: wgpu::Buffer,
     chunks: wgpu::Buffer,
@@ -57,9 +57,10 @@ pub(super) struct LightFace<'a> {
 
 /// What one frame gives to the passes.
 pub(super) struct Work {
-    chunks: Chunks,
+    pub(super) chunks: Chunks,
     bind_group: wgpu::BindGroup,
     area: Rectangle,
+    cell_bytes: u64,
 }
 
 impl HardShadows {
@@ -88,9 +89,8 @@ impl HardShadows {
                 binding(1, storage(false)),
                 binding(2, storage(false)),
                 binding(3, storage(false)),
-                binding(4, storage(false)),
-                binding(5, storage(true)),
-                binding(6, storage(false)),
+                binding(4, storage(true)),
+                binding(5, storage(false)),
             ],
         });
         let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
@@ -126,8 +126,7 @@ impl HardShadows {
             occlude_tiles: pipeline(&occlude, "occlude_tiles"),
             layout,
             samples: buffer(gpu, "samples", SAMPLE_BYTES, usage | wgpu::BufferUsages::COPY_SRC),
-            grid: buffer(gpu, "grid", GRID_BYTES, usage),
-            cells: buffer(gpu, "cells", 8 * CELLS_MIN, usage),
+            cells: buffer(gpu, "cells", GRID_BYTES, usage),
             tiles: buffer(gpu, "tiles", TILE_BYTES * (TILES + 1), usage),
             chunks: buffer(gpu, "caster chunks", 1 << 16, usage),
         }
@@ -160,12 +159,13 @@ impl HardShadows {
         write_growing(gpu, &mut self.chunks, bytemuck::cast_slice(&chunks.chunks));
         let pixels = u64::from(targets.width()) * u64::from(targets.height());
         // About two cells a sample where half of the area is covered.
-        let cells = (u64::from(area.width) * u64::from(area.height)).max(CELLS_MIN);
+        let cell_count = (u64::from(area.width) * u64::from(area.height)).max(CELLS_MIN);
         // And a block for every four of them at most.
-        let cells = cells / 4 * 5 + 64;
-        for (target, bytes) in
-            [(&mut self.samples, SAMPLE_BYTES * pixels), (&mut self.cells, 4 * cells)]
-        {
+        let cell_count = cell_count / 4 * 5 + 64;
+        for (target, bytes) in [
+            (&mut self.samples, SAMPLE_BYTES * pixels),
+            (&mut self.cells, GRID_BYTES + 4 * cell_count),
+        ] {
             if target.size() < bytes {
                 *target = buffer(gpu, "shadow", bytes, target.usage());
             }
@@ -173,7 +173,7 @@ impl HardShadows {
         let cells = wgpu::BufferBinding {
             buffer: &self.cells,
             offset: 0,
-            size: std::num::NonZeroU64::new(4 * cells),
+            size: std::num::NonZeroU64::new(GRID_BYTES + 4 * cell_count),
         };
         let entries = [
             wgpu::BindGroupEntry {
@@ -181,26 +181,33 @@ impl HardShadows {
                 resource: wgpu::BindingResource::TextureView(targets.identity_view()),
             },
             entry(1, &self.samples),
-            entry(2, &self.grid),
-            wgpu::BindGroupEntry { binding: 3, resource: wgpu::BindingResource::Buffer(cells) },
-            entry(4, targets.occlusion(gpu)),
-            entry(5, &self.chunks),
-            entry(6, &self.tiles),
+            wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::Buffer(cells) },
+            entry(3, targets.occlusion(gpu)),
+            entry(4, &self.chunks),
+            entry(5, &self.tiles),
         ];
         let bind_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("shadow"),
             layout: &self.layout,
             entries: &entries,
         });
-        Work { chunks, bind_group, area }
+        Work { chunks, bind_group, area, cell_bytes: GRID_BYTES + 4 * cell_count }
     }
 
-    /// Finds which visible points are hidden, for every face of the light.
+    /// What [`super::soft`] needs of these: samples and chunks, and cells.
+    pub(super) fn shared(&self, work: &Work) -> ([&wgpu::Buffer; 2], wgpu::BufferBinding<'_>) {
+        let size = std::num::NonZeroU64::new(work.cell_bytes);
+        let cells = wgpu::BufferBinding { buffer: &self.cells, offset: 0, size };
+        ([&self.samples, &self.chunks], cells)
+    }
+
+    /// Finds which visible points are hidden, for every face of the light, or how much of it is.
     pub(super) fn encode(
         &self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         work: &Work,
+        soft: Option<(&SoftShadows, &SoftWork)>,
         faces: &[LightFace<'_>],
         targets: &Targets,
     ) {
@@ -208,10 +215,12 @@ impl HardShadows {
         let Rectangle { width, height, .. } = work.area;
         let (columns, rows) = (width.div_ceil(SIDE), height.div_ceil(SIDE));
         for face in faces {
-            encoder.clear_buffer(&self.grid, 0, None);
             encoder.clear_buffer(&self.cells, 0, None);
             // Their number.
             encoder.clear_buffer(&self.tiles, 0, Some(16));
+            if let Some((shadows, _)) = soft {
+                shadows.begin_face(encoder);
+            }
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some("shadow"),
                 timestamp_writes: None,
@@ -230,6 +239,10 @@ impl HardShadows {
             pass.dispatch_workgroups(1, 1, 1);
             pass.set_pipeline(&self.bin);
             pass.dispatch_workgroups(columns, rows, 1);
+            if let Some((shadows, soft_work)) = soft {
+                shadows.encode(&mut pass, work, soft_work, face);
+                continue;
+            }
             pass.set_pipeline(&self.occlude);
             for (uniform, &(bind_group, offset)) in face.casters.iter().enumerate() {
                 pass.set_bind_group(0, bind_group, &[offset]);

@@ -59,6 +59,7 @@ impl Settings {
             paint: self.paint,
             error_threshold_px: self.error_threshold_px * tau_factor,
             shadow: self.shadow,
+            light_size: 0.0,
             caster_threshold_px: CASTER_THRESHOLD_PX,
             sample_offset_px: glam::DVec2::ZERO,
             draw_backs: false,

@@ -1,0 +1,322 @@
+// Soft shadows: how much of a light that is a disc is hidden from each sample.
+//
+// Seen from a sample, what faces the light and lies before it covers a part of the disc. The part's
+// area is a sum over its outline (Green): every edge, as far as it lies within the disc, adds the
+// triangle that it makes with the disc's middle less the sector, and the middle itself, where it is
+// covered, adds the whole disc. Edges between two triangles that both face the light cancel and are
+// left out: what remains are silhouettes, for which this is what penumbra quads and wedges compute
+// (Arvo & Westerholm, Penumbra quads, 2004; Assarsson & Akenine-Möller, A geometry-based soft
+// shadow volume algorithm, SIGGRAPH 2003), and open borders. What lies behind one another in two
+// layers is counted twice, up to all of the light; which edges are silhouettes is decided from the
+// light's middle.
+//
+// (x / w, y / w, z / w) is projected from a sample as the world is: lines stay lines. A point (q, d)
+// that is nearer than a sample (s, e) is seen at (q − s) / (size · (e − d)) on the disc of radius 1.
+//
+// What faces away from the light is summed apart, and the larger sum holds: of bodies both are the
+// same, open surfaces have one of them in each place.
+//
+// soften: triangles and their edges · soften_tiles: what is left of large ones · settle: sums →
+// occlusion.
+
+struct Cells {
+    low: vec2<f32>,
+    cells_per_unit: vec2<f32>,
+    size: vec2<i32>,
+    // In a row.
+    blocks: i32,
+    farthest: f32,
+    largest: array<u32, 5>,
+    cell: array<u32>,
+}
+
+struct Chunk {
+    first: u32,
+    count: u32,
+    draw: u32,
+    large: u32,
+}
+
+// A part of the cells that a triangle or an edge may cover.
+struct Tile {
+    a: vec4<f32>,
+    b: vec4<f32>,
+    c: vec4<f32>,
+    // First and last cell.
+    cells: vec4<i32>,
+    // Whether it is an edge, from a to b, and which way its triangle faces.
+    is_edge: u32,
+    facing: f32,
+}
+
+struct Tiles {
+    count: atomic<u32>,
+    tile: array<Tile>,
+}
+
+@group(1) @binding(1) var<storage, read_write> samples: array<Sample>;
+@group(1) @binding(2) var<storage, read_write> grid: Cells;
+// Two sums a pixel, of what faces the light and of what does not, in 65535ths of the disc.
+@group(1) @binding(3) var<storage, read_write> sums: array<atomic<i32>>;
+@group(1) @binding(4) var<storage, read> chunks: array<Chunk>;
+@group(1) @binding(5) var<storage, read_write> tiles: Tiles;
+// For each edge of a triangle, from a corner to the next, the vertex across it.
+@group(2) @binding(0) var<storage, read> across: array<u32>;
+
+const NO_VERTEX: u32 = 0xffffffffu;
+// In a chunk's count: only what faces the light casts.
+const CULLED: u32 = 0x80000000u;
+const CELLS_MAX: i32 = 64;
+const TILE: i32 = 16;
+const PI: f32 = 3.14159265;
+
+fn in_light_space(index: u32) -> vec4<f32> {
+    let v = vertices[index & VERTEX];
+    return frame.light_from_model * vec4(v.x, v.y, v.z, 1.0);
+}
+
+// Adds to the samples of a rectangle of cells.
+fn add(first: vec2<i32>, last: vec2<i32>, tile: Tile) {
+    var at = first;
+    var entry = grid.cell[at.y * grid.size.x + at.x];
+    loop {
+        if entry == 0u {
+            at.x++;
+            if at.x > last.x {
+                at = vec2(first.x, at.y + 1);
+                if at.y > last.y {
+                    break;
+                }
+            }
+            entry = grid.cell[at.y * grid.size.x + at.x];
+            continue;
+        }
+        let pixel = entry - 1u;
+        let sample = samples[pixel];
+        entry = sample.next;
+        var part = 0.0;
+        if tile.is_edge == 1u {
+            part = tile.facing * part_of_edge(sample, tile.a, tile.b);
+        } else if covers(sample, tile) {
+            part = 1.0;
+        }
+        if part != 0.0 {
+            let sum = 2u * pixel + select(1u, 0u, tile.facing > 0.0);
+            atomicAdd(&sums[sum], i32(round(part * f32(HIDDEN))));
+        }
+    }
+}
+
+// Whether a triangle hides the disc's middle.
+fn covers(sample: Sample, t: Tile) -> bool {
+    let q = vec2(sample.x, sample.y);
+    let pa = t.a.xy - q * t.a.w;
+    let pb = t.b.xy - q * t.b.w;
+    let pc = t.c.xy - q * t.c.w;
+    let weights = vec3(cross2(pa, pb), cross2(pb, pc), cross2(pc, pa));
+    if !(all(weights >= vec3(0.0)) || all(weights <= vec3(0.0))) {
+        return false;
+    }
+    let w = dot(weights, vec3(t.c.w, t.a.w, t.b.w));
+    let sum = weights.x + weights.y + weights.z;
+    return w * sum > 0.0 && dot(weights, vec3(t.c.z, t.a.z, t.b.z)) / w < sample.depth;
+}
+
+// Triangle less sector, as a share of the disc.
+fn part_of_edge(sample: Sample, a4: vec4<f32>, b4: vec4<f32>) -> f32 {
+    let q = vec2(sample.x, sample.y);
+    // The same product as `covers` has: its sign says on which side the middle is.
+    let side = cross2(a4.xy - q * a4.w, b4.xy - q * b4.w);
+    // The disc is a cone from the sample, x² + y² ≤ z² with z > 0, which is convex: one part of the
+    // edge lies in it. Not divided by z before that is known: beside the sample it is 0.
+    let p = vec3(a4.xy / a4.w - q, frame.shadow.w * (sample.depth - a4.z / a4.w));
+    let d = vec3(b4.xy / b4.w - q, frame.shadow.w * (sample.depth - b4.z / b4.w)) - p;
+    if max(p.z, p.z + d.z) <= 0.0 {
+        return 0.0;
+    }
+    // Where x² + y² − z² = 0: a t² + 2 b t + c.
+    let a = dot(d.xy, d.xy) - d.z * d.z;
+    let b = dot(p.xy, d.xy) - p.z * d.z;
+    let c = dot(p.xy, p.xy) - p.z * p.z;
+    let discriminant = b * b - a * c;
+    var t0 = 0.0;
+    var t1 = 1.0;
+    if discriminant < 0.0 {
+        // It stays on one side of the cone.
+        if c > 0.0 {
+            return 0.0;
+        }
+    } else {
+        let root = -(b + select(-1.0, 1.0, b >= 0.0) * sqrt(discriminant));
+        let r0 = root / a;
+        let r1 = c / root;
+        let low = min(r0, r1);
+        let high = max(r0, r1);
+        if a > 0.0 {
+            t0 = max(low, 0.0);
+            t1 = min(high, 1.0);
+        } else if d.z > 0.0 {
+            // Steeper than the cone: it enters and stays.
+            t0 = max(select(high, r1, a == 0.0), 0.0);
+        } else {
+            t1 = min(select(low, r1, a == 0.0), 1.0);
+        }
+    }
+    // Also where the numbers above were none.
+    if !(t0 < t1) {
+        return 0.0;
+    }
+    let at0 = p + t0 * d;
+    let at1 = p + t1 * d;
+    if min(at0.z, at1.z) <= 0.0 {
+        return 0.0;
+    }
+    let u = at0.xy / at0.z;
+    let v = at1.xy / at1.z;
+    let angle = atan2(abs(cross2(u, v)), dot(u, v));
+    return (0.5 * cross2(u, v) - 0.5 * select(-angle, angle, side >= 0.0)) / PI;
+}
+
+// The cells round a rectangle on the light's picture; an empty range where there are none.
+fn cells_of(low: vec2<f32>, high: vec2<f32>) -> vec4<i32> {
+    let edge = vec2<f32>(grid.size);
+    let first = floor(clamp((low - grid.low) * grid.cells_per_unit - 0.01, vec2(-1.0), edge));
+    let last = floor(clamp((high - grid.low) * grid.cells_per_unit + 0.01, vec2(-1.0), edge));
+    if any(last < vec2(0.0)) || any(first >= edge) {
+        return vec4(0, 0, -1, -1);
+    }
+    return vec4(max(vec2<i32>(first), vec2(0)), min(vec2<i32>(last), grid.size - 1));
+}
+
+fn add_or_divide(tile: Tile) {
+    let extent = tile.cells.zw - tile.cells.xy + 1;
+    if any(extent <= vec2(0)) {
+        return;
+    }
+    if extent.x <= CELLS_MAX && extent.y <= CELLS_MAX && extent.x * extent.y <= CELLS_MAX {
+        add(tile.cells.xy, tile.cells.zw, tile);
+        return;
+    }
+    for (var y = tile.cells.y; y <= tile.cells.w; y += TILE) {
+        for (var x = tile.cells.x; x <= tile.cells.z; x += TILE) {
+            let slot = atomicAdd(&tiles.count, 1u);
+            var part = tile;
+            part.cells = vec4(x, y, min(vec2(x, y) + TILE - 1, tile.cells.zw));
+            if slot < arrayLength(&tiles.tile) {
+                tiles.tile[slot] = part;
+            } else {
+                add(part.cells.xy, part.cells.zw, part);
+            }
+        }
+    }
+}
+
+// The part of an edge that is not too near to the light, in projected coordinates with w = 1;
+// w = 0 where there is none.
+fn cut(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
+    let near = frame.shadow.y;
+    if a.w >= near {
+        return a;
+    }
+    if b.w < near {
+        return vec4(0.0);
+    }
+    return mix(a, b, (near - a.w) / (b.w - a.w));
+}
+
+@compute @workgroup_size(64)
+fn soften(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) i: u32,
+) {
+    let chunk = chunks[min(frame.size.w + group.x + group.y * groups.x, arrayLength(&chunks) - 1u)];
+    if i >= (chunk.count & ~CULLED) {
+        return;
+    }
+    let triangle = chunk.first + i;
+    var corner: array<u32, 3>;
+    var p: array<vec4<f32>, 3>;
+    for (var k = 0u; k < 3u; k++) {
+        corner[k] = indices[3u * triangle + k];
+        // Skirts would count as layers of their own; the slits that they close hide next to nothing.
+        if (corner[k] & MOVED) != 0u {
+            return;
+        }
+        p[k] = in_light_space(corner[k]);
+    }
+    let determinant = dot(p[0].xyw, cross(p[1].xyw, p[2].xyw));
+    if determinant == 0.0 || ((chunk.count & CULLED) != 0u && determinant < 0.0) {
+        return;
+    }
+    let facing = sign(determinant);
+    var tile: Tile;
+    tile.a = p[0];
+    tile.b = p[1];
+    tile.c = p[2];
+    tile.facing = facing;
+    tile.is_edge = 0u;
+
+    var low = vec2(1e30);
+    var high = vec2(-1e30);
+    var nearest = 1e30;
+    for (var k = 0; k < 3; k++) {
+        let a = cut(p[k], p[(k + 1) % 3]);
+        let b = cut(p[(k + 1) % 3], p[k]);
+        if a.w > 0.0 {
+            low = min(low, min(a.xy / a.w, b.xy / b.w));
+            high = max(high, max(a.xy / a.w, b.xy / b.w));
+            nearest = min(nearest, min(a.z / a.w, b.z / b.w));
+        }
+    }
+    if nearest >= grid.farthest {
+        return;
+    }
+    tile.cells = cells_of(low, high);
+    add_or_divide(tile);
+
+    for (var k = 0u; k < 3u; k++) {
+        let next = (k + 1u) % 3u;
+        let other = across[3u * triangle + k];
+        if other != NO_VERTEX {
+            // The neighbour has the edge the other way round.
+            let c = in_light_space(other);
+            if dot(p[next].xyw, cross(p[k].xyw, c.xyw)) * facing > 0.0 {
+                continue;
+            }
+        }
+        let a = cut(p[k], p[next]);
+        let b = cut(p[next], p[k]);
+        if a.w == 0.0 {
+            continue;
+        }
+        // Its outline against the light comes from the triangle's own way round.
+        tile.is_edge = 1u;
+        tile.a = a;
+        tile.b = b;
+        let reach = frame.shadow.w * (grid.farthest - min(a.z / a.w, b.z / b.w));
+        tile.cells = cells_of(
+            min(a.xy / a.w, b.xy / b.w) - reach,
+            max(a.xy / a.w, b.xy / b.w) + reach,
+        );
+        add_or_divide(tile);
+    }
+}
+
+@compute @workgroup_size(64)
+fn soften_tiles(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) i: u32,
+) {
+    let count = min(atomicLoad(&tiles.count), arrayLength(&tiles.tile));
+    for (var t = group.x; t < count; t += groups.x) {
+        let tile = tiles.tile[t];
+        // Four cells each.
+        let first = tile.cells.xy + 2 * vec2(i32(i) % 8, i32(i) / 8);
+        let last = min(first + 1, tile.cells.zw);
+        if all(first <= tile.cells.zw) {
+            add(first, last, tile);
+        }
+    }
+}
