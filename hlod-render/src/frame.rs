@@ -15,7 +15,7 @@ use crate::passes::{
 };
 use crate::scene::{Light, Representation, Shadow, Shot};
 use crate::select::{Front, Selection, View, corners, select};
-use crate::skeleton::ChildLink;
+use crate::skeleton::{ChildLink, Node};
 use crate::traced::Tracer;
 
 /// What a frame drew, for statistics and benchmark records.
@@ -120,6 +120,10 @@ impl Renderer {
                 let mut uniform =
                     uniform(world_from_model, has_colours, shot, targets, first_identity);
                 let step = model.header().lattice.step;
+                let scale = world_from_model.x_axis.truncate().length();
+                let error = |node: &Node, representation: usize| {
+                    (node.representations[representation].geometric_error * scale) as f32
+                };
                 uniform.skirt = skirt(front, &world_from_model, step, shot, targets);
                 uniforms.push((uniform, buffers));
                 model_of.push(m);
@@ -136,6 +140,7 @@ impl Renderer {
                             uniform: index,
                             triangles: slot.triangles.clone(),
                             cull_backs,
+                            error: error(node, draw.representation),
                         });
                         let first = first_identity + slot.triangles.start;
                         parts.push(DrawnPart::new(node, first));
@@ -151,7 +156,8 @@ impl Renderer {
                         let cull_backs = node.closed_oriented
                             && is_outside(model, shot.light, shot.light_radius());
                         let triangles = slot.triangles.clone();
-                        casting.push(Range { uniform: index, triangles, cull_backs });
+                        let error = error(node, draw.representation);
+                        casting.push(Range { uniform: index, triangles, cull_backs, error });
                     }
                 }
                 first_identity += model.arena_size().triangles;
@@ -174,7 +180,7 @@ impl Renderer {
                     skirt_reach,
                 })
                 .collect();
-            lit.face_uniforms(&parts, shot, targets)
+            lit.face_uniforms(&parts)
         });
         let faces: Vec<FaceUniforms> = faces.collect();
         let tracer = match (shot.shadow, &lit) {
@@ -215,9 +221,7 @@ fn lit(models: &[Model], fronts: &Fronts, shot: &Shot) -> Lit {
         models.first().map_or(DVec3::ZERO, |m| m.world_from_model().transform_point3(DVec3::ZERO));
     let points: Vec<DVec3> =
         visible_boxes(models, &fronts.receivers).iter().flat_map(|(_, corners)| *corners).collect();
-    let largest = |fronts: &[Front]| fronts.iter().map(|f| f.error_px).fold(0.0, f64::max);
-    let apart_px = largest(&fronts.receivers) + largest(&fronts.casters);
-    Lit::around(&points, centre, shot, apart_px)
+    Lit::around(&points, centre, shot)
 }
 
 /// Whether a light is outside a model's bounds.
@@ -334,7 +338,7 @@ fn visible_boxes(models: &[Model], fronts: &[Front]) -> Vec<(u8, [DVec3; 8])> {
 }
 
 /// World units that a pixel shows at depth 1, or anywhere in parallel projection.
-pub(crate) fn world_per_pixel(shot: &Shot, targets: &Targets) -> f64 {
+fn world_per_pixel(shot: &Shot, targets: &Targets) -> f64 {
     let (width, height) = (f64::from(targets.width()), f64::from(targets.height()));
     2.0 * shot.camera.half_extent(width / height).y / height
 }

@@ -2,9 +2,8 @@
 
 use glam::{DMat4, DVec3, Vec4};
 
-use crate::frame::world_per_pixel;
 use crate::light_space::{Face, faces};
-use crate::passes::{FaceUniforms, FrameUniform, Targets};
+use crate::passes::{FaceUniforms, FrameUniform};
 use crate::scene::{Light, Shot};
 use crate::traced::{LIGHT_RAYS, Tracer};
 
@@ -15,8 +14,6 @@ pub(crate) struct Lit {
     faces: Vec<Face>,
     /// As [`Shot::light_radius`] has it.
     radius: f64,
-    /// Pixels by which what casts and what is seen may be apart.
-    apart_px: f64,
     /// What rounding may do to positions, world units.
     rounding: f64,
 }
@@ -29,15 +26,12 @@ pub(crate) struct LitPart {
     pub(crate) skirt_reach: f64,
 }
 
-/// Most pixels that count as what casts and what is seen being apart: nearer than its error no node
-/// has a bound, and what is drawn there is still loading.
-const APART_PX_MAX: f64 = 64.0;
 /// Of positions in f32, relative to how far they are from where they are counted.
 const ROUNDING: f64 = 1e-6;
 
 impl Lit {
     /// For what is seen within some points; they, the centre and the light are in world space.
-    pub(crate) fn around(points: &[DVec3], centre: DVec3, shot: &Shot, apart_px: f64) -> Lit {
+    pub(crate) fn around(points: &[DVec3], centre: DVec3, shot: &Shot) -> Lit {
         let points: Vec<DVec3> = points.iter().map(|p| p - centre).collect();
         let (light, far) = match shot.light {
             Light::Point(position) => (Light::Point(position - centre), position.distance(centre)),
@@ -48,25 +42,18 @@ impl Lit {
             centre,
             faces: faces(light, shot.camera.axes()[0], &points),
             radius: shot.light_radius(),
-            apart_px: apart_px.min(APART_PX_MAX),
             rounding: ROUNDING * (reach + far),
         }
     }
 
     /// For each of the light's faces, what shaders know of it and of these arenas.
-    pub(crate) fn face_uniforms(
-        &self,
-        parts: &[LitPart],
-        shot: &Shot,
-        targets: &Targets,
-    ) -> Vec<FaceUniforms> {
-        let bias = self.apart_px * world_per_pixel(shot, targets);
+    pub(crate) fn face_uniforms(&self, parts: &[LitPart]) -> Vec<FaceUniforms> {
         let receiver = |face: &Face, part: &LitPart| {
             let relative = DMat4::from_translation(-self.centre) * part.world_from_model;
             FrameUniform {
                 light_from_model: (face.light_from_world * relative).as_mat4(),
                 shadow: Vec4::new(1.0, face.near as f32, face.limit as f32, self.radius as f32),
-                bias: Vec4::new(bias as f32, self.rounding as f32, 0.0, 0.0),
+                bias: Vec4::new(self.rounding as f32, 0.0, 0.0, 0.0),
                 ..part.uniform
             }
         };

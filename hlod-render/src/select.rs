@@ -172,8 +172,6 @@ pub struct Front {
     pub border_px: f64,
     /// The same in the source's unit.
     pub border_error: f64,
-    /// Most pixels that the error of a drawn node covers, leaves apart.
-    pub error_px: f64,
 }
 
 /// Ticket of a node's page.
@@ -260,10 +258,6 @@ pub(crate) fn find_front(
         let error = node.representations[draw.representation].border_error;
         front.border_error = front.border_error.max(error);
         front.border_px = front.border_px.max(measure.error_px(error, node));
-        // A leaf is as fine as it gets.
-        if node.children != ChildLink::None {
-            front.error_px = front.error_px.max(draw.error_px);
-        }
     }
     front.wanted.sort_by(|a, b| b.urgency.total_cmp(&a.urgency).then(a.ticket.cmp(&b.ticket)));
     front

@@ -36,6 +36,8 @@ pub struct NodeRepresentation {
     pub kind: RepresentationKind,
     /// The error by which it is selected, in the source's unit.
     pub error: f64,
+    /// How far its surface may be from the scan's, in the source's unit.
+    pub geometric_error: f64,
     /// How far the lines in which it ends on its cell's faces may be from the scan's, in the source's
     /// unit.
     pub border_error: f64,
@@ -126,6 +128,7 @@ impl Skeleton {
                 .map(|r| NodeRepresentation {
                     kind: r.kind,
                     error: r.selecting_error().into(),
+                    geometric_error: r.errors.geometric.into(),
                     border_error: r.errors.border.into(),
                     triangles: r.triangles,
                     vertices: r.vertices,

@@ -19,6 +19,8 @@ struct Chunk {
     count: u32,
     draw: u32,
     large: u32,
+    // How far the triangles may be from the scan's, world space.
+    error: f32,
 }
 
 // An 8 × 8 part of the cells that a large triangle may cover.
@@ -28,6 +30,8 @@ struct Tile {
     c: vec4<f32>,
     // First and last cell.
     cells: vec4<i32>,
+    error: f32,
+    noise: f32,
 }
 
 struct Tiles {
@@ -48,7 +52,15 @@ const CELLS_MAX: i32 = 64;
 const TILE: i32 = 8;
 
 // Hides the samples in a rectangle of cells that lie behind the triangle.
-fn hide(first: vec2<i32>, last: vec2<i32>, a: vec4<f32>, b: vec4<f32>, c: vec4<f32>) {
+fn hide(
+    first: vec2<i32>,
+    last: vec2<i32>,
+    a: vec4<f32>,
+    b: vec4<f32>,
+    c: vec4<f32>,
+    error: f32,
+    noise: f32,
+) {
     var at = first;
     var entry = grid.cell[at.y * grid.size.x + at.x];
     // One loop over cells and what is in them: neighbouring threads have different ones to do.
@@ -80,7 +92,7 @@ fn hide(first: vec2<i32>, last: vec2<i32>, a: vec4<f32>, b: vec4<f32>, c: vec4<f
         let w = dot(weights, vec3(a.w, b.w, c.w));
         let sum = weights.x + weights.y + weights.z;
         // On the light's side that the sample is on, too.
-        if w * sum > 0.0 && dot(weights, vec3(a.z, b.z, c.z)) / w < sample.depth {
+        if w * sum > 0.0 && dot(weights, vec3(a.z, b.z, c.z)) / w < sample.depth - sample.slack * error - noise {
             atomicStore(&occlusion[pixel], HIDDEN);
         }
     }
@@ -109,11 +121,15 @@ fn occlude(
     var low = min(min(a.xy / a.w, b.xy / b.w), c.xy / c.w);
     var high = max(max(a.xy / a.w, b.xy / b.w), c.xy / c.w);
     var nearest = min(min(a.z / a.w, b.z / b.w), c.z / c.w);
+    let farthest = max(max(a.z / a.w, b.z / b.w), c.z / c.w);
+    let across = abs(cross2(b.xy / b.w - a.xy / a.w, c.xy / c.w - a.xy / a.w));
+    var noise = noise_of(low, high, across, farthest - nearest);
     if min(min(a.w, b.w), c.w) < near {
         // What is too near to the light or behind it is cut off.
         if max(max(a.w, b.w), c.w) < near {
             return;
         }
+        noise = 0.0;
         low = vec2(1e30);
         high = vec2(-1e30);
         nearest = 1e30;
@@ -166,15 +182,15 @@ fn occlude(
                 let slot = atomicAdd(&tiles.count, 1u);
                 let end = min(vec2(x, y) + TILE - 1, to);
                 if slot < arrayLength(&tiles.tile) {
-                    tiles.tile[slot] = Tile(a, b, c, vec4(x, y, end));
+                    tiles.tile[slot] = Tile(a, b, c, vec4(x, y, end), chunk.error, noise);
                 } else {
-                    hide(vec2(x, y), end, a, b, c);
+                    hide(vec2(x, y), end, a, b, c, chunk.error, noise);
                 }
             }
         }
         return;
     }
-    hide(start, to, a, b, c);
+    hide(start, to, a, b, c, chunk.error, noise);
 }
 
 @compute @workgroup_size(64)
@@ -189,7 +205,7 @@ fn occlude_tiles(
         let x = tile.cells.x + i32(i) % TILE;
         let y = tile.cells.y + i32(i) / TILE;
         if x <= tile.cells.z && y <= tile.cells.w {
-            hide(vec2(x, y), vec2(x, y), tile.a, tile.b, tile.c);
+            hide(vec2(x, y), vec2(x, y), tile.a, tile.b, tile.c, tile.error, tile.noise);
         }
     }
 }

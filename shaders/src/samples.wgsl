@@ -19,6 +19,15 @@ struct Cells {
 @group(1) @binding(2) var<storage, read_write> grid: Cells;
 @group(1) @binding(3) var<storage, read_write> occlusion: array<atomic<u32>>;
 
+struct DrawnRange {
+    // Number of its first triangle among all arenas.
+    first: u32,
+    error: f32,
+}
+
+// In the order of their first triangles.
+@group(1) @binding(6) var<storage, read> drawn: array<DrawnRange>;
+
 // What grazes the surface more is taken for this: it is hardly lit.
 const COSINE_MIN: f32 = 0.1;
 
@@ -44,22 +53,35 @@ fn place(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     // Not by its depth: where corners are snapped to parts of a pixel that lies beside the triangle.
     let seen = seen_point(triangle, vec2<f32>(at) + 0.5);
-    let sample = sample_of(seen, (identity & BACK) != 0u);
+    var is_back = (identity & BACK) != 0u;
+    var across = seen.across;
+    var error = error_of((identity & ~BACK) - 1u);
+    let corners = vec3(indices[3u * triangle], indices[3u * triangle + 1u], indices[3u * triangle + 2u]);
+    if any((corners & vec3(MOVED)) != vec3(0u)) {
+        // A skirt stands for the surface that it hangs from, which is as far above as it reaches.
+        across = octahedral(vertices[corners.x & VERTEX].normal);
+        let to_eye = select(frame.eye.xyz, frame.eye.xyz - seen.world, frame.eye.w > 0.5);
+        is_back = dot((frame.world_from_model * vec4(across, 0.0)).xyz, to_eye) < 0.0;
+        let reach = frame.skirt.x * max(seen.depth, 0.0) + frame.skirt.y;
+        error += reach * length(frame.world_from_model[0].xyz);
+    }
+    let sample = sample_of(seen.model, select(across, -across, is_back), error);
     samples[pixel] = sample;
     if sample.next == TURNED {
         atomicStore(&occlusion[pixel], HIDDEN);
     }
 }
 
-// Of a point that is seen on a triangle's front or its back.
-fn sample_of(seen: Seen, is_back: bool) -> Sample {
-    let p = frame.light_from_model * vec4(seen.model, 1.0);
+// Of a point that is seen (model space), the normal of the side that is seen, of any length, and how
+// far the point may be from the scan.
+fn sample_of(point: vec3<f32>, across: vec3<f32>, error: f32) -> Sample {
+    let p = frame.light_from_model * vec4(point, 1.0);
     let limit = frame.shadow.z;
     if p.w <= 0.0 || (limit > 0.0 && any(abs(p.xy) > vec2(p.w * limit))) {
-        return Sample(0.0, 0.0, 0.0, ABSENT);
+        return Sample(0.0, 0.0, 0.0, 0.0, ABSENT);
     }
     // The triangle's normal in the light's axes: across its picture and away from it.
-    let turned = frame.light_from_model * vec4(select(seen.across, -seen.across, is_back), 0.0);
+    let turned = frame.light_from_model * vec4(across, 0.0);
     let is_point = frame.light.w > 0.5;
     let normal = normalize(vec3(turned.xy, select(turned.z, turned.w, is_point)));
     let ray = select(vec3(0.0, 0.0, 1.0), normalize(p.xyw), is_point);
@@ -67,16 +89,34 @@ fn sample_of(seen: Seen, is_back: bool) -> Sample {
     // The side that is seen is not the one that is lit. Casters do not tell: what is nearer than the
     // bias does not count.
     if incidence <= 0.0 {
-        return Sample(0.0, 0.0, 0.0, TURNED);
+        return Sample(0.0, 0.0, 0.0, 0.0, TURNED);
     }
-    let bias = (max(seen.depth, 0.0) * frame.bias.x + frame.bias.y) / max(incidence, COSINE_MIN);
-    var nearer = p.z / p.w - bias;
-    if is_point {
-        // So far along the ray; never beyond the light.
-        let share = clamp(1.0 - bias / length(p.xyw), 1e-6, 1.0);
-        nearer = p.z / (p.w * share);
+    // What is seen and what casts are different surfaces: along the ray they may be this far apart.
+    let slope = 1.0 / max(incidence, COSINE_MIN);
+    let bias = (error + frame.bias.x) * slope;
+    if !is_point {
+        return Sample(p.x, p.y, p.z - bias, slope, UNBINNED);
     }
-    return Sample(p.x / p.w, p.y / p.w, nearer, UNBINNED);
+    // So far along the ray; never beyond the light.
+    let reach = length(p.xyw);
+    let share = clamp(1.0 - bias / reach, 1e-6, 1.0);
+    let depth = p.z / (p.w * share);
+    return Sample(p.x / p.w, p.y / p.w, depth, -depth * slope / (reach * share), UNBINNED);
+}
+
+// How far a triangle among all arenas may be from the scan's, world space.
+fn error_of(triangle: u32) -> f32 {
+    var low = 0u;
+    var high = arrayLength(&drawn);
+    while high - low > 1u {
+        let middle = (low + high) / 2u;
+        if drawn[middle].first <= triangle {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    return drawn[low].error;
 }
 
 // A column of 64 pixels each: few enough meet at the same numbers.

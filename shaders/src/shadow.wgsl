@@ -16,8 +16,10 @@ struct Sample {
     // On the light's picture.
     x: f32,
     y: f32,
-    // z / w that is nearer hides it.
+    // z / w that is nearer hides it, by what may be wrong of the sample;
     depth: f32,
+    // and by so much more for each unit of length that what hides it may be wrong.
+    slack: f32,
     // 1 + the pixel of the next sample in its cell; before they are binned UNBINNED, or why it has no
     // place in one: ABSENT, or TURNED away from the light.
     next: u32,
@@ -35,4 +37,12 @@ const BLOCK: i32 = 4;
 fn ordered(f: f32) -> u32 {
     let bits = bitcast<u32>(f);
     return select(bits | 0x80000000u, ~bits, (bits >> 31u) == 1u);
+}
+
+// How far z / w may be from its place on a triangle by rounding: of a sliver, where weights are
+// quotients of small numbers, as far as its corners differ. `across` is on the light's picture.
+fn noise_of(low: vec2<f32>, high: vec2<f32>, across: f32, depth_range: f32) -> f32 {
+    let far = max(max(abs(low.x), abs(low.y)), max(abs(high.x), abs(high.y)));
+    let extent = max(high.x - low.x, high.y - low.y);
+    return depth_range * min(4e-7 * far * extent / max(across, 1e-37), 1.0);
 }

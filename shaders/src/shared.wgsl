@@ -21,8 +21,7 @@ struct Frame {
     // x: 1 where occlusion is known. Of the light's face: y: least w that is drawn; z: largest
     // |x| / w and |y| / w, 0 for no limit; w: radius of the disc, or of parallel light its tangent.
     shadow: vec4<f32>,
-    // How far from a point what hides it from the light must at least be, world space: x for each
-    // unit of clip.w, plus y, both divided by the cosine of the angle of incidence.
+    // x: what rounding may do to positions, world space.
     bias: vec4<f32>,
     // The part of the picture in which anything is seen: its first pixel, its width and height.
     area: vec4<u32>,

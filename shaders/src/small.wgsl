@@ -14,6 +14,8 @@ struct Chunk {
     // Which draw, and where in the list, triangles go that are left to fixed function.
     draw: u32,
     large: u32,
+    // See shadow.wgsl.
+    error: f32,
 }
 
 @group(1) @binding(0) var<storage, read_write> pixels: array<atomic<u64>>;

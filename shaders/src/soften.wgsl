@@ -35,6 +35,8 @@ struct Chunk {
     count: u32,
     draw: u32,
     large: u32,
+    // How far the triangles may be from the scan's, world space.
+    error: f32,
 }
 
 // A part of the cells that a triangle or an edge may cover.
@@ -47,6 +49,8 @@ struct Tile {
     // Whether it is an edge, from a to b, and which way its triangle faces.
     is_edge: u32,
     facing: f32,
+    error: f32,
+    noise: f32,
 }
 
 struct Tiles {
@@ -92,8 +96,9 @@ fn add(first: vec2<i32>, last: vec2<i32>, tile: Tile) {
             continue;
         }
         let pixel = entry - 1u;
-        let sample = samples[pixel];
+        var sample = samples[pixel];
         entry = sample.next;
+        sample.depth -= sample.slack * tile.error;
         var part = 0.0;
         if tile.is_edge == 1u {
             part = tile.facing * part_of_edge(sample, tile.a, tile.b);
@@ -119,7 +124,7 @@ fn covers(sample: Sample, t: Tile) -> bool {
     }
     let w = dot(weights, vec3(t.c.w, t.a.w, t.b.w));
     let sum = weights.x + weights.y + weights.z;
-    return w * sum > 0.0 && dot(weights, vec3(t.c.z, t.a.z, t.b.z)) / w < sample.depth;
+    return w * sum > 0.0 && dot(weights, vec3(t.c.z, t.a.z, t.b.z)) / w < sample.depth - t.noise;
 }
 
 // Triangle less sector, as a share of the disc.
@@ -128,9 +133,10 @@ fn part_of_edge(sample: Sample, a4: vec4<f32>, b4: vec4<f32>) -> f32 {
     // The same product as `covers` has: its sign says on which side the middle is.
     let side = cross2(a4.xy - q * a4.w, b4.xy - q * b4.w);
     // The disc is a cone from the sample, x² + y² ≤ z² with z > 0, which is convex: one part of the
-    // edge lies in it. Not divided by z before that is known: beside the sample it is 0.
-    let p = vec3(a4.xy / a4.w - q, frame.shadow.w * (sample.depth - a4.z / a4.w));
-    let d = vec3(b4.xy / b4.w - q, frame.shadow.w * (sample.depth - b4.z / b4.w)) - p;
+    // edge lies in it. Not divided by w, nor by z before that is known: near the light and beside
+    // the sample they are 0.
+    let p = vec3(a4.xy - q * a4.w, frame.shadow.w * (sample.depth * a4.w - a4.z));
+    let d = vec3(b4.xy - q * b4.w, frame.shadow.w * (sample.depth * b4.w - b4.z)) - p;
     if max(p.z, p.z + d.z) <= 0.0 {
         return 0.0;
     }
@@ -255,6 +261,7 @@ fn soften(
     tile.b = p[1];
     tile.c = p[2];
     tile.facing = facing;
+    tile.error = chunk.error;
     tile.is_edge = 0u;
 
     var low = vec2(1e30);
@@ -271,6 +278,11 @@ fn soften(
     }
     if nearest >= grid.farthest {
         return;
+    }
+    let at = array(p[0].xyz / p[0].w, p[1].xyz / p[1].w, p[2].xyz / p[2].w);
+    if min(min(p[0].w, p[1].w), p[2].w) >= frame.shadow.y {
+        let across = abs(cross2(at[1].xy - at[0].xy, at[2].xy - at[0].xy));
+        tile.noise = noise_of(low, high, across, max(max(at[0].z, at[1].z), at[2].z) - nearest);
     }
     tile.cells = cells_of(low, high);
     add_or_divide(tile);

@@ -121,7 +121,12 @@ impl Reference {
         let ranges: Vec<Range> = self
             .slots
             .iter()
-            .map(|s| Range { uniform: s.arena, triangles: s.triangles.clone(), cull_backs: false })
+            .map(|s| Range {
+                uniform: s.arena,
+                triangles: s.triangles.clone(),
+                cull_backs: false,
+                error: 0.0,
+            })
             .collect();
         let area = Rectangle::all(targets);
         let Some(tracer) = self.tracer.as_ref().filter(|_| shot.shadow != Shadow::None) else {
@@ -129,14 +134,14 @@ impl Reference {
             return renderer.draw_ranges(gpu, &uniforms, &drawn, shot, targets);
         };
         let centre = self.world_from_model.transform_point3(DVec3::ZERO);
-        let lit = Lit::around(&self.corners, centre, shot, 0.0);
+        let lit = Lit::around(&self.corners, centre, shot);
         let part = |uniform: &FrameUniform| LitPart {
             uniform: *uniform,
             world_from_model: self.world_from_model,
             skirt_reach: 0.0,
         };
         let parts: Vec<LitPart> = uniforms.iter().map(|(uniform, _)| part(uniform)).collect();
-        let faces = lit.face_uniforms(&parts, shot, targets);
+        let faces = lit.face_uniforms(&parts);
         let shadow = DrawnShadow::Traced { faces: &faces, hidden: &lit.hidden_by(tracer) };
         let drawn = Drawn { ranges: &ranges, parts: &[], area, shadow };
         renderer.draw_ranges(gpu, &uniforms, &drawn, shot, targets)

@@ -12,13 +12,14 @@ const ROW: u32 = 32_768;
 const CULLED: u32 = 1 << 31;
 
 /// See `Chunk` in `small.wgsl` and `shadow.wgsl`.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Chunk {
     first: u32,
     count: u32,
     draw: u32,
     large: u32,
+    error: f32,
 }
 
 /// All chunks of a frame, those of each uniform next to one another.
@@ -60,6 +61,7 @@ impl Chunks {
                     count: (end - first).min(CHUNK) | culled,
                     draw: uniform as u32,
                     large,
+                    error: range.error,
                 }));
             }
             let count = (all.chunks.len() - first) as u32;
@@ -90,13 +92,14 @@ mod tests {
 
     #[test]
     fn chunks_hold_every_triangle_once() {
-        let range = |uniform, triangles, cull_backs| Range { uniform, triangles, cull_backs };
+        let range =
+            |uniform, triangles, cull_backs| Range { uniform, triangles, cull_backs, error: 0.5 };
         let ranges = [range(0, 5..200, true), range(2, 0..64, false), range(2, 100..101, false)];
         let chunks = Chunks::new(3, &ranges.iter().collect::<Vec<_>>());
         assert_eq!((chunks.firsts, chunks.counts), (vec![0, 0, 4], vec![4, 0, 2]));
         assert_eq!((chunks.first_in_list, chunks.triangles), (vec![0, 0, 195], 260));
         let [.., before, last] = chunks.chunks[..] else { panic!() };
-        assert_eq!(before, Chunk { first: 100, count: 1, draw: 2, large: 195 });
+        assert_eq!(before, Chunk { first: 100, count: 1, draw: 2, large: 195, error: 0.5 });
         assert_eq!(last, Chunk::default());
         assert_eq!(chunks.chunks[3].count, (195 - 3 * 64) | CULLED);
     }

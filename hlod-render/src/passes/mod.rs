@@ -16,7 +16,7 @@ use crate::gpu::Gpu;
 use crate::scene::{Paint, Shot};
 pub(crate) use explain::DrawnPart;
 use explain::Explain;
-use shadow::{HardShadows, LightFace};
+use shadow::{DrawnRange, HardShadows, LightFace};
 use small::SmallTriangles;
 use soft::SoftShadows;
 
@@ -42,7 +42,7 @@ pub struct FrameUniform {
     pub light_from_model: Mat4,
     /// Whether occlusion is known; of a light's face: least w, largest tangent or 0.
     pub shadow: Vec4,
-    /// Least distance of what hides a point: for each unit of depth, and more; world space.
+    /// What rounding may do to positions, world space.
     pub bias: Vec4,
     /// The part of the picture in which anything is seen: first pixel, width, height.
     pub area: [u32; 4],
@@ -62,6 +62,8 @@ pub struct Range {
     pub triangles: std::ops::Range<u32>,
     /// Whether backs can be left to the rasteriser to drop.
     pub cull_backs: bool,
+    /// How far they may be from the scan's, world units; for shadows.
+    pub error: f32,
 }
 
 /// What a frame draws.
@@ -363,7 +365,15 @@ impl Passes {
                     _ => Vec::new(),
                 };
                 casting.sort_by_key(|r| (r.uniform, r.cull_backs, r.triangles.start));
-                Some(self.shadow.prepare(gpu, uniforms.len(), &casting, targets, area))
+                let mut drawn: Vec<DrawnRange> = ranges
+                    .iter()
+                    .map(|r| DrawnRange {
+                        first: uniforms[r.uniform].0.size[2] + r.triangles.start,
+                        error: r.error,
+                    })
+                    .collect();
+                drawn.sort_by_key(|range| range.first);
+                Some(self.shadow.prepare(gpu, uniforms.len(), &casting, &drawn, targets, area))
             }
         };
 

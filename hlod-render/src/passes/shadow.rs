@@ -14,7 +14,17 @@ use crate::traced::HIDDEN;
 #[repr(C)]
 struct Sample {
     place: [f32; 3],
+    slack: f32,
     next: u32,
+}
+
+/// See `samples.wgsl`.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct DrawnRange {
+    /// Number of its first triangle among all arenas.
+    pub(super) first: u32,
+    pub(super) error: f32,
 }
 
 const ABSENT: u32 = u32::MAX;
@@ -23,7 +33,7 @@ const SAMPLE_BYTES: u64 = size_of::<Sample>() as u64;
 /// Bytes of `Cells` before its cells.
 const GRID_BYTES: u64 = 56;
 /// Bytes of a tile, and how many there is room for; what is beyond is done where it is found.
-const TILE_BYTES: u64 = 64;
+const TILE_BYTES: u64 = 80;
 const TILES: u64 = 1 << 15;
 /// Workgroups that share the tiles.
 const TILE_GROUPS: u32 = 256;
@@ -46,6 +56,7 @@ pub(super) struct HardShadows {
     cells: wgpu::Buffer,
     tiles: wgpu::Buffer,
     chunks: wgpu::Buffer,
+    drawn: wgpu::Buffer,
 }
 
 /// One picture as the light sees the scene: the uniforms of the receivers, then those of the
@@ -91,6 +102,7 @@ impl HardShadows {
                 binding(3, storage(false)),
                 binding(4, storage(true)),
                 binding(5, storage(false)),
+                binding(6, storage(true)),
             ],
         });
         let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
@@ -129,6 +141,7 @@ impl HardShadows {
             cells: buffer(gpu, "cells", GRID_BYTES, usage),
             tiles: buffer(gpu, "tiles", TILE_BYTES * (TILES + 1), usage),
             chunks: buffer(gpu, "caster chunks", 1 << 16, usage),
+            drawn: buffer(gpu, "drawn ranges", 1 << 12, usage),
         }
     }
 
@@ -146,17 +159,25 @@ impl HardShadows {
         Ok(())
     }
 
-    /// Uploads a frame's chunks; `ranges` of casters come in the order of their uniforms.
+    /// Uploads a frame's chunks; `ranges` of casters come in the order of their uniforms, `drawn` in
+    /// that of their first triangles.
     pub(super) fn prepare(
         &mut self,
         gpu: &Gpu,
         uniform_count: usize,
         ranges: &[&Range],
+        drawn: &[DrawnRange],
         targets: &Targets,
         area: Rectangle,
     ) -> Work {
         let chunks = Chunks::new(uniform_count, ranges);
         write_growing(gpu, &mut self.chunks, bytemuck::cast_slice(&chunks.chunks));
+        // What lies behind them in the buffer begins after everything.
+        let room = self.drawn.size() as usize / size_of::<DrawnRange>();
+        let mut filled = drawn.to_vec();
+        let last = DrawnRange { first: u32::MAX, error: 0.0 };
+        filled.resize(drawn.len().next_power_of_two().max(room), last);
+        write_growing(gpu, &mut self.drawn, bytemuck::cast_slice(&filled));
         let pixels = u64::from(targets.width()) * u64::from(targets.height());
         // About two cells a sample where half of the area is covered.
         let cell_count = (u64::from(area.width) * u64::from(area.height)).max(CELLS_MIN);
@@ -185,6 +206,7 @@ impl HardShadows {
             entry(3, targets.occlusion(gpu)),
             entry(4, &self.chunks),
             entry(5, &self.tiles),
+            entry(6, &self.drawn),
         ];
         let bind_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("shadow"),
@@ -272,7 +294,7 @@ impl HardShadows {
         let pixels = targets.width() as usize * targets.height() as usize;
         let mut occlusion = vec![0u32; pixels];
         // Where nothing is seen no sample is placed.
-        let none = vec![Sample { place: [0.0; 3], next: ABSENT }; pixels];
+        let none = vec![Sample { place: [0.0; 3], slack: 0.0, next: ABSENT }; pixels];
         for (f, face) in faces.iter().enumerate() {
             gpu.queue.write_buffer(&self.samples, 0, bytemuck::cast_slice(&none));
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
