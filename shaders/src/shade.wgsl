@@ -19,6 +19,11 @@ fn linear_from_srgb(c: vec3<f32>) -> vec3<f32> {
     return select(high, c / 12.92, c <= vec3(0.04045));
 }
 
+// Linear light.
+fn colour_of(vertex: u32) -> vec3<f32> {
+    return linear_from_srgb(unpack4x8unorm(colours[vertex]).rgb);
+}
+
 @fragment
 fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let identity = textureLoad(identities, vec2<i32>(pixel.xy), 0).x;
@@ -34,20 +39,17 @@ fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32>
 
     let seen = seen_point(number, pixel.xy);
     let w = seen.weights;
-    var normal: array<vec3<f32>, 3>;
-    var colour: array<vec3<f32>, 3>;
-    for (var i = 0u; i < 3u; i++) {
-        let v = indices[3u * number + i] & VERTEX;
-        normal[i] = octahedral(vertices[v].normal);
-        if frame.shading.y > 0.5 {
-            colour[i] = linear_from_srgb(unpack4x8unorm(colours[v]).rgb);
-        }
-    }
+    let a = indices[3u * number] & VERTEX;
+    let b = indices[3u * number + 1u] & VERTEX;
+    let c = indices[3u * number + 2u] & VERTEX;
+    let normal = w.x * octahedral(vertices[a].normal)
+        + w.y * octahedral(vertices[b].normal)
+        + w.z * octahedral(vertices[c].normal);
     let position = seen.world;
-    var n = normalize((frame.world_from_model * vec4(w.x * normal[0] + w.y * normal[1] + w.z * normal[2], 0.0)).xyz);
+    var n = normalize((frame.world_from_model * vec4(normal, 0.0)).xyz);
     var albedo = frame.material.rgb;
     if frame.shading.y > 0.5 {
-        albedo = w.x * colour[0] + w.y * colour[1] + w.z * colour[2];
+        albedo = w.x * colour_of(a) + w.y * colour_of(b) + w.z * colour_of(c);
     }
 
     // Open surfaces have two sides: the one that is seen faces the eye.

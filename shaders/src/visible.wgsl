@@ -28,12 +28,12 @@ fn cross2(a: vec2<f32>, b: vec2<f32>) -> f32 {
 }
 
 // Barycentric coordinates, correct in perspective, of the point seen at `pixel`.
-fn barycentric(clip: array<vec4<f32>, 3>, pixel: vec2<f32>) -> vec3<f32> {
+fn barycentric(p: vec4<f32>, q: vec4<f32>, r: vec4<f32>, pixel: vec2<f32>) -> vec3<f32> {
     let ndc = (pixel / vec2<f32>(frame.size.xy) * 2.0 - 1.0) * vec2(1.0, -1.0);
     // Relative to the pixel first: what remains is small, and so are its rounding errors.
-    let a = clip[0].xy - ndc * clip[0].w;
-    let b = clip[1].xy - ndc * clip[1].w;
-    let c = clip[2].xy - ndc * clip[2].w;
+    let a = p.xy - ndc * p.w;
+    let b = q.xy - ndc * q.w;
+    let c = r.xy - ndc * r.w;
     let areas = vec3(cross2(b, c), cross2(c, a), cross2(a, b));
     let sum = areas.x + areas.y + areas.z;
     if abs(sum) < 1e-30 {
@@ -45,16 +45,14 @@ fn barycentric(clip: array<vec4<f32>, 3>, pixel: vec2<f32>) -> vec3<f32> {
 }
 
 fn seen_point(triangle: u32, pixel: vec2<f32>) -> Seen {
-    var clip: array<vec4<f32>, 3>;
-    var corner: array<vec3<f32>, 3>;
-    for (var i = 0u; i < 3u; i++) {
-        corner[i] = position_of(indices[3u * triangle + i]);
-        clip[i] = frame.clip_from_model * vec4(corner[i], 1.0);
-    }
-    let w = barycentric(clip, pixel);
-    let model = w.x * corner[0] + w.y * corner[1] + w.z * corner[2];
+    let a = position_of(indices[3u * triangle]);
+    let b = position_of(indices[3u * triangle + 1u]);
+    let c = position_of(indices[3u * triangle + 2u]);
+    let p = frame.clip_from_model * vec4(a, 1.0);
+    let q = frame.clip_from_model * vec4(b, 1.0);
+    let r = frame.clip_from_model * vec4(c, 1.0);
+    let w = barycentric(p, q, r, pixel);
+    let model = w.x * a + w.y * b + w.z * c;
     let world = (frame.world_from_model * vec4(model, 1.0)).xyz;
-    let across = cross(corner[1] - corner[0], corner[2] - corner[0]);
-    let depth = dot(w, vec3(clip[0].w, clip[1].w, clip[2].w));
-    return Seen(w, world, model, across, depth);
+    return Seen(w, world, model, cross(b - a, c - a), dot(w, vec3(p.w, q.w, r.w)));
 }
