@@ -179,8 +179,9 @@ impl HardShadows {
         filled.resize(drawn.len().next_power_of_two().max(room), last);
         write_growing(gpu, &mut self.drawn, bytemuck::cast_slice(&filled));
         let pixels = u64::from(targets.width()) * u64::from(targets.height());
-        // About two cells a sample where half of the area is covered.
-        let cell_count = (u64::from(area.width) * u64::from(area.height)).max(CELLS_MIN);
+        // About two samples a cell where half of the area is covered: fewer cells hold more samples to
+        // test, more are more to look into.
+        let cell_count = (u64::from(area.width) * u64::from(area.height) / 4).max(CELLS_MIN);
         // And a block for every four of them at most.
         let cell_count = cell_count / 4 * 5 + 64;
         for (target, bytes) in [
