@@ -64,6 +64,7 @@ pub const OCCLUDE: Pass = Pass {
         include_str!("shared.wgsl"),
         include_str!("visible.wgsl"),
         include_str!("shadow.wgsl"),
+        include_str!("casters.wgsl"),
         include_str!("occlude.wgsl")
     ),
 };
@@ -75,6 +76,7 @@ pub const SOFTEN: Pass = Pass {
         include_str!("shared.wgsl"),
         include_str!("visible.wgsl"),
         include_str!("shadow.wgsl"),
+        include_str!("casters.wgsl"),
         include_str!("soften.wgsl")
     ),
 };

@@ -1,28 +1,5 @@
 // Hard shadows, second half: what lies between the samples and the light. See shadow.wgsl.
 
-struct Cells {
-    low: vec2<f32>,
-    cells_per_unit: vec2<f32>,
-    size: vec2<i32>,
-    // In a row.
-    blocks: i32,
-    farthest: f32,
-    // Of all samples, the largest of −x, −y, x, y and depth, as ordered(); 0 for none.
-    largest: array<u32, 5>,
-    // 1 + the pixel of the first sample of each; then, for blocks of cells, the largest depth of
-    // their samples, as ordered().
-    cell: array<u32>,
-}
-
-struct Chunk {
-    first: u32,
-    count: u32,
-    draw: u32,
-    large: u32,
-    // How far the triangles may be from the scan's, world space.
-    error: f32,
-}
-
 // An 8 × 8 part of the cells that a large triangle may cover.
 struct Tile {
     a: vec4<f32>,
@@ -39,16 +16,9 @@ struct Tiles {
     tile: array<Tile>,
 }
 
-@group(1) @binding(1) var<storage, read_write> samples: array<Sample>;
-@group(1) @binding(2) var<storage, read_write> grid: Cells;
 @group(1) @binding(3) var<storage, read_write> occlusion: array<atomic<u32>>;
-@group(1) @binding(4) var<storage, read> chunks: array<Chunk>;
 @group(1) @binding(5) var<storage, read_write> tiles: Tiles;
 
-// In a chunk's count: only what faces the light casts.
-const CULLED: u32 = 0x80000000u;
-// Triangles that may cover more cells are divided into tiles.
-const CELLS_MAX: i32 = 64;
 const TILE: i32 = 8;
 
 // Hides the samples in a rectangle of cells that lie behind the triangle.
@@ -153,16 +123,13 @@ fn occlude(
     if nearest >= grid.farthest {
         return;
     }
-    // Rounding must not move it out of a cell that holds a sample on its edge.
-    let edge = vec2<f32>(grid.size);
-    let first = floor(clamp((low - grid.low) * grid.cells_per_unit - 0.01, vec2(-1.0), edge));
-    let last = floor(clamp((high - grid.low) * grid.cells_per_unit + 0.01, vec2(-1.0), edge));
-    if any(last < vec2(0.0)) || any(first >= edge) {
+    let range = cells_of(low, high);
+    let start = range.xy;
+    let to = range.zw;
+    let extent = to - start + 1;
+    if any(extent <= vec2(0)) {
         return;
     }
-    let start = max(vec2<i32>(first), vec2(0));
-    let to = min(vec2<i32>(last), grid.size - 1);
-    let extent = to - start + 1;
     // Nothing behind it where it may cover four blocks at most: most of what is lit is left here.
     let block = start / BLOCK;
     let last_block = to / BLOCK;

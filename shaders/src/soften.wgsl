@@ -19,26 +19,6 @@
 // soften: triangles and their edges · soften_tiles: what is left of large ones · settle: sums →
 // occlusion.
 
-struct Cells {
-    low: vec2<f32>,
-    cells_per_unit: vec2<f32>,
-    size: vec2<i32>,
-    // In a row.
-    blocks: i32,
-    farthest: f32,
-    largest: array<u32, 5>,
-    cell: array<u32>,
-}
-
-struct Chunk {
-    first: u32,
-    count: u32,
-    draw: u32,
-    large: u32,
-    // How far the triangles may be from the scan's, world space.
-    error: f32,
-}
-
 // A part of the cells that a triangle or an edge may cover.
 struct Tile {
     a: vec4<f32>,
@@ -58,19 +38,13 @@ struct Tiles {
     tile: array<Tile>,
 }
 
-@group(1) @binding(1) var<storage, read_write> samples: array<Sample>;
-@group(1) @binding(2) var<storage, read_write> grid: Cells;
 // Two sums a pixel, of what faces the light and of what does not, in 65535ths of the disc.
 @group(1) @binding(3) var<storage, read_write> sums: array<atomic<i32>>;
-@group(1) @binding(4) var<storage, read> chunks: array<Chunk>;
 @group(1) @binding(5) var<storage, read_write> tiles: Tiles;
 // For each edge of a triangle, from a corner to the next, the vertex across it.
 @group(2) @binding(0) var<storage, read> across: array<u32>;
 
 const NO_VERTEX: u32 = 0xffffffffu;
-// In a chunk's count: only what faces the light casts.
-const CULLED: u32 = 0x80000000u;
-const CELLS_MAX: i32 = 64;
 const TILE: i32 = 16;
 const PI: f32 = 3.14159265;
 
@@ -181,17 +155,6 @@ fn part_of_edge(sample: Sample, a4: vec4<f32>, b4: vec4<f32>) -> f32 {
     let v = at1.xy / at1.z;
     let angle = atan2(abs(cross2(u, v)), dot(u, v));
     return (0.5 * cross2(u, v) - 0.5 * select(-angle, angle, side >= 0.0)) / PI;
-}
-
-// The cells round a rectangle on the light's picture; an empty range where there are none.
-fn cells_of(low: vec2<f32>, high: vec2<f32>) -> vec4<i32> {
-    let edge = vec2<f32>(grid.size);
-    let first = floor(clamp((low - grid.low) * grid.cells_per_unit - 0.01, vec2(-1.0), edge));
-    let last = floor(clamp((high - grid.low) * grid.cells_per_unit + 0.01, vec2(-1.0), edge));
-    if any(last < vec2(0.0)) || any(first >= edge) {
-        return vec4(0, 0, -1, -1);
-    }
-    return vec4(max(vec2<i32>(first), vec2(0)), min(vec2<i32>(last), grid.size - 1));
 }
 
 fn add_or_divide(tile: Tile) {

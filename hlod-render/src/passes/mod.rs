@@ -211,16 +211,7 @@ pub(crate) struct Passes {
 impl Passes {
     pub(crate) fn new(gpu: &Gpu, output: wgpu::TextureFormat) -> Passes {
         let device = &gpu.device;
-        let storage = |binding, visibility| wgpu::BindGroupLayoutEntry {
-            binding,
-            visibility,
-            ty: wgpu::BindingType::Buffer {
-                ty: wgpu::BufferBindingType::Storage { read_only: true },
-                has_dynamic_offset: false,
-                min_binding_size: None,
-            },
-            count: None,
-        };
+        let storage = |binding, visibility| storage_entry(binding, visibility, true);
         let both = wgpu::ShaderStages::VERTEX_FRAGMENT;
         let every = both | wgpu::ShaderStages::COMPUTE;
         let geometry_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
@@ -557,6 +548,52 @@ fn geometry_group(
         label: Some("geometry"),
         layout,
         entries: &entries,
+    })
+}
+
+/// A storage buffer of a bind group's layout.
+fn storage_entry(
+    binding: u32,
+    visibility: wgpu::ShaderStages,
+    read_only: bool,
+) -> wgpu::BindGroupLayoutEntry {
+    wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility,
+        ty: wgpu::BindingType::Buffer {
+            ty: wgpu::BufferBindingType::Storage { read_only },
+            has_dynamic_offset: false,
+            min_binding_size: None,
+        },
+        count: None,
+    }
+}
+
+/// Pipelines for some of a pass' entry points.
+fn compute_pipelines<const N: usize>(
+    gpu: &Gpu,
+    groups: &[Option<&wgpu::BindGroupLayout>],
+    pass: hlod_shaders::Pass,
+    entry_points: [&str; N],
+) -> [wgpu::ComputePipeline; N] {
+    let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(pass.name),
+        bind_group_layouts: groups,
+        immediate_size: 0,
+    });
+    let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(pass.name),
+        source: wgpu::ShaderSource::Wgsl(pass.source.into()),
+    });
+    entry_points.map(|entry_point| {
+        gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(entry_point),
+            layout: Some(&layout),
+            module: &module,
+            entry_point: Some(entry_point),
+            compilation_options: Default::default(),
+            cache: None,
+        })
     })
 }
 

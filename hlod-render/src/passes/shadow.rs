@@ -4,7 +4,10 @@ use bytemuck::{Pod, Zeroable};
 
 use super::chunks::Chunks;
 use super::soft::{SoftShadows, SoftWork};
-use super::{Hidden, Range, Rectangle, Targets, buffer, entry, write_growing};
+use super::{
+    Hidden, Range, Rectangle, Targets, buffer, compute_pipelines, entry, storage_entry,
+    write_growing,
+};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::traced::HIDDEN;
@@ -77,17 +80,8 @@ pub(super) struct Work {
 impl HardShadows {
     pub(super) fn new(gpu: &Gpu, geometry_layout: &wgpu::BindGroupLayout) -> HardShadows {
         let device = &gpu.device;
-        let binding = |binding, ty| wgpu::BindGroupLayoutEntry {
-            binding,
-            visibility: wgpu::ShaderStages::COMPUTE,
-            ty,
-            count: None,
-        };
-        let storage = |read_only| wgpu::BindingType::Buffer {
-            ty: wgpu::BufferBindingType::Storage { read_only },
-            has_dynamic_offset: false,
-            min_binding_size: None,
-        };
+        let compute = wgpu::ShaderStages::COMPUTE;
+        let storage = |binding, read_only| storage_entry(binding, compute, read_only);
         let identities = wgpu::BindingType::Texture {
             sample_type: wgpu::TextureSampleType::Uint,
             view_dimension: wgpu::TextureViewDimension::D2,
@@ -96,46 +90,35 @@ impl HardShadows {
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("shadow"),
             entries: &[
-                binding(0, identities),
-                binding(1, storage(false)),
-                binding(2, storage(false)),
-                binding(3, storage(false)),
-                binding(4, storage(true)),
-                binding(5, storage(false)),
-                binding(6, storage(true)),
+                wgpu::BindGroupLayoutEntry {
+                    binding: 0,
+                    visibility: compute,
+                    ty: identities,
+                    count: None,
+                },
+                storage(1, false),
+                storage(2, false),
+                storage(3, false),
+                storage(4, true),
+                storage(5, false),
+                storage(6, true),
             ],
         });
-        let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some("shadow"),
-            bind_group_layouts: &[Some(geometry_layout), Some(&layout)],
-            immediate_size: 0,
-        });
-        let module = |pass: hlod_shaders::Pass| {
-            device.create_shader_module(wgpu::ShaderModuleDescriptor {
-                label: Some(pass.name),
-                source: wgpu::ShaderSource::Wgsl(pass.source.into()),
-            })
-        };
-        let pipeline = |module, entry_point| {
-            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some(entry_point),
-                layout: Some(&pipeline_layout),
-                module,
-                entry_point: Some(entry_point),
-                compilation_options: Default::default(),
-                cache: None,
-            })
-        };
-        let samples = module(hlod_shaders::SAMPLES);
-        let occlude = module(hlod_shaders::OCCLUDE);
+        let groups = [Some(geometry_layout), Some(&layout)];
+        let names = ["place", "measure", "lay_out", "bin"];
+        let [place, measure, lay_out, bin] =
+            compute_pipelines(gpu, &groups, hlod_shaders::SAMPLES, names);
+        let names = ["occlude", "occlude_tiles"];
+        let [occlude, occlude_tiles] =
+            compute_pipelines(gpu, &groups, hlod_shaders::OCCLUDE, names);
         let usage = wgpu::BufferUsages::STORAGE;
         HardShadows {
-            place: pipeline(&samples, "place"),
-            measure: pipeline(&samples, "measure"),
-            lay_out: pipeline(&samples, "lay_out"),
-            bin: pipeline(&samples, "bin"),
-            occlude: pipeline(&occlude, "occlude"),
-            occlude_tiles: pipeline(&occlude, "occlude_tiles"),
+            place,
+            measure,
+            lay_out,
+            bin,
+            occlude,
+            occlude_tiles,
             layout,
             samples: buffer(gpu, "samples", SAMPLE_BYTES, usage | wgpu::BufferUsages::COPY_SRC),
             cells: buffer(gpu, "cells", GRID_BYTES, usage),

@@ -4,7 +4,10 @@
 //! `large` draws; `resolve` then lays what `small` found over that, where it is nearer.
 
 use super::chunks::Chunks;
-use super::{DEPTH_FORMAT, IDENTITY_FORMAT, Range, Targets, buffer, entry, write_growing};
+use super::{
+    DEPTH_FORMAT, IDENTITY_FORMAT, Range, Targets, buffer, compute_pipelines, entry, storage_entry,
+    write_growing,
+};
 use crate::gpu::Gpu;
 
 pub(super) struct SmallTriangles {
@@ -40,16 +43,6 @@ impl SmallTriangles {
             return None;
         }
         let device = &gpu.device;
-        let storage = |binding, visibility, read_only| wgpu::BindGroupLayoutEntry {
-            binding,
-            visibility,
-            ty: wgpu::BindingType::Buffer {
-                ty: wgpu::BufferBindingType::Storage { read_only },
-                has_dynamic_offset: false,
-                min_binding_size: None,
-            },
-            count: None,
-        };
         let group_layout = |label, entries: &[wgpu::BindGroupLayoutEntry]| {
             let descriptor = wgpu::BindGroupLayoutDescriptor { label: Some(label), entries };
             device.create_bind_group_layout(&descriptor)
@@ -58,15 +51,15 @@ impl SmallTriangles {
         let compute_layout = group_layout(
             "small",
             &[
-                storage(0, compute, false),
-                storage(1, compute, true),
-                storage(2, compute, false),
-                storage(3, compute, false),
+                storage_entry(0, compute, false),
+                storage_entry(1, compute, true),
+                storage_entry(2, compute, false),
+                storage_entry(3, compute, false),
             ],
         );
         // The list of triangles for `large`, the pixels' words for `resolve`.
         let list_layout =
-            group_layout("list", &[storage(0, wgpu::ShaderStages::VERTEX_FRAGMENT, true)]);
+            group_layout("list", &[storage_entry(0, wgpu::ShaderStages::VERTEX_FRAGMENT, true)]);
         let pipeline_layout = |label, group: &wgpu::BindGroupLayout| {
             device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
                 label: Some(label),
@@ -80,14 +73,8 @@ impl SmallTriangles {
                 source: wgpu::ShaderSource::Wgsl(pass.source.into()),
             })
         };
-        let small = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some("small"),
-            layout: Some(&pipeline_layout("small", &compute_layout)),
-            module: &module(hlod_shaders::SMALL),
-            entry_point: Some("small"),
-            compilation_options: Default::default(),
-            cache: None,
-        });
+        let groups = [Some(geometry_layout), Some(&compute_layout)];
+        let [small] = compute_pipelines(gpu, &groups, hlod_shaders::SMALL, ["small"]);
         let list_pipeline_layout = pipeline_layout("list", &list_layout);
         let render = |pass: hlod_shaders::Pass| {
             let module = module(pass);

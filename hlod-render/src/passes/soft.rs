@@ -1,7 +1,7 @@
 //! Soft shadows: see `soften.wgsl`.
 
 use super::shadow::{LightFace, Work};
-use super::{Rectangle, Targets, buffer, entry};
+use super::{Rectangle, Targets, buffer, compute_pipelines, entry, storage_entry};
 use crate::arena::Arena;
 use crate::gpu::Gpu;
 
@@ -39,16 +39,8 @@ pub(super) struct SoftWork {
 impl SoftShadows {
     pub(super) fn new(gpu: &Gpu, geometry_layout: &wgpu::BindGroupLayout) -> SoftShadows {
         let device = &gpu.device;
-        let storage = |binding, read_only| wgpu::BindGroupLayoutEntry {
-            binding,
-            visibility: wgpu::ShaderStages::COMPUTE,
-            ty: wgpu::BindingType::Buffer {
-                ty: wgpu::BufferBindingType::Storage { read_only },
-                has_dynamic_offset: false,
-                min_binding_size: None,
-            },
-            count: None,
-        };
+        let compute = wgpu::ShaderStages::COMPUTE;
+        let storage = |binding, read_only| storage_entry(binding, compute, read_only);
         let group_layout = |label, entries: &[wgpu::BindGroupLayoutEntry]| {
             let descriptor = wgpu::BindGroupLayoutDescriptor { label: Some(label), entries };
             device.create_bind_group_layout(&descriptor)
@@ -65,35 +57,16 @@ impl SoftShadows {
         );
         let edge_layout = group_layout("edges", &[storage(0, true)]);
         let settle_layout = group_layout("settle", &[storage(0, false), storage(1, true)]);
-        let pipeline_layout = |label, groups: &[Option<&wgpu::BindGroupLayout>]| {
-            device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: Some(label),
-                bind_group_layouts: groups,
-                immediate_size: 0,
-            })
-        };
-        let pipeline = |layout: &wgpu::PipelineLayout, pass: hlod_shaders::Pass, entry_point| {
-            let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-                label: Some(pass.name),
-                source: wgpu::ShaderSource::Wgsl(pass.source.into()),
-            });
-            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some(entry_point),
-                layout: Some(layout),
-                module: &module,
-                entry_point: Some(entry_point),
-                compilation_options: Default::default(),
-                cache: None,
-            })
-        };
-        let soften =
-            pipeline_layout("soften", &[Some(geometry_layout), Some(&layout), Some(&edge_layout)]);
-        let settle = pipeline_layout("settle", &[Some(geometry_layout), Some(&settle_layout)]);
+        let groups = [Some(geometry_layout), Some(&layout), Some(&edge_layout)];
+        let [soften, soften_tiles] =
+            compute_pipelines(gpu, &groups, hlod_shaders::SOFTEN, ["soften", "soften_tiles"]);
+        let groups = [Some(geometry_layout), Some(&settle_layout)];
+        let [settle] = compute_pipelines(gpu, &groups, hlod_shaders::SETTLE, ["settle"]);
         let usage = wgpu::BufferUsages::STORAGE;
         SoftShadows {
-            soften: pipeline(&soften, hlod_shaders::SOFTEN, "soften"),
-            soften_tiles: pipeline(&soften, hlod_shaders::SOFTEN, "soften_tiles"),
-            settle: pipeline(&settle, hlod_shaders::SETTLE, "settle"),
+            soften,
+            soften_tiles,
+            settle,
             layout,
             edge_layout,
             settle_layout,
