@@ -65,27 +65,45 @@ fn place(@builtin(global_invocation_id) id: vec3<u32>) {
         let reach = frame.skirt.x * max(seen.depth, 0.0) + frame.skirt.y;
         error += reach * length(frame.world_from_model[0].xyz);
     }
-    let sample = sample_of(seen.model, select(across, -across, is_back), error);
+    let normal = normal_in_light_space(select(across, -across, is_back));
+    let sample = sample_of(seen.model, normal, error);
     samples[pixel] = sample;
     if sample.next == TURNED {
         atomicStore(&occlusion[pixel], HIDDEN);
+    } else if sample.next == UNBINNED && frame.shadow.w > 0.0 {
+        atomicStore(&occlusion[pixel], u32(below_horizon(seen.model, normal) * f32(HIDDEN)));
     }
 }
 
-// Of a point that is seen (model space), the normal of the side that is seen, of any length, and how
-// far the point may be from the scan.
-fn sample_of(point: vec3<f32>, across: vec3<f32>, error: f32) -> Sample {
+// In the light's axes: across its picture and away from it.
+fn normal_in_light_space(across: vec3<f32>) -> vec3<f32> {
+    let turned = frame.light_from_model * vec4(across, 0.0);
+    return normalize(vec3(turned.xy, select(turned.z, turned.w, frame.light.w > 0.5)));
+}
+
+// From the light to a point of light space, in the same axes.
+fn ray_to(p: vec4<f32>) -> vec3<f32> {
+    return select(vec3(0.0, 0.0, 1.0), p.xyw, frame.light.w > 0.5);
+}
+
+// How much of the light's disc is below the surface that is seen: what hides it there is the body
+// itself, and begins at the point.
+fn below_horizon(point: vec3<f32>, normal: vec3<f32>) -> f32 {
+    let ray = ray_to(frame.light_from_model * vec4(point, 1.0));
+    let x = clamp(-dot(normal, ray) / max(frame.shadow.w * length(normal.xy), 1e-30), -1.0, 1.0);
+    return 0.5 - (x * sqrt(1.0 - x * x) + asin(x)) / 3.14159265;
+}
+
+// Of a point that is seen (model space), the normal of the side that is seen, and how far the point may
+// be from the scan.
+fn sample_of(point: vec3<f32>, normal: vec3<f32>, error: f32) -> Sample {
     let p = frame.light_from_model * vec4(point, 1.0);
     let limit = frame.shadow.z;
     if p.w <= 0.0 || (limit > 0.0 && any(abs(p.xy) > vec2(p.w * limit))) {
         return Sample(0.0, 0.0, 0.0, 0.0, ABSENT);
     }
-    // The triangle's normal in the light's axes: across its picture and away from it.
-    let turned = frame.light_from_model * vec4(across, 0.0);
     let is_point = frame.light.w > 0.5;
-    let normal = normalize(vec3(turned.xy, select(turned.z, turned.w, is_point)));
-    let ray = select(vec3(0.0, 0.0, 1.0), normalize(p.xyw), is_point);
-    let incidence = -dot(normal, ray);
+    let incidence = -dot(normal, normalize(ray_to(p)));
     // The side that is seen is not the one that is lit. Casters do not tell: what is nearer than the
     // bias does not count.
     if incidence <= 0.0 {

@@ -13,6 +13,9 @@
 // (x / w, y / w, z / w) is projected from a sample as the world is: lines stay lines. A point (q, d)
 // that is nearer than a sample (s, e) is seen at (q − s) / (size · (e − d)) on the disc of radius 1.
 //
+// The part of the disc that is below the horizon of the surface itself is hidden from the start
+// (samples.wgsl): there rays enter the body at the sample, and leave it beyond its silhouette.
+//
 // What faces away from the light is summed apart, and the larger sum holds: of bodies both are the
 // same, open surfaces have one of them in each place.
 //
