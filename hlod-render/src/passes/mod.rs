@@ -350,7 +350,7 @@ impl Passes {
         let shadow_work = match drawn.shadow {
             DrawnShadow::None => None,
             DrawnShadow::Cast { .. } | DrawnShadow::Traced { .. } => {
-                HardShadows::check(gpu, targets)?;
+                check_shadows(gpu, targets)?;
                 let mut casting: Vec<&Range> = match drawn.shadow {
                     DrawnShadow::Cast { ranges, .. } => ranges.iter().collect(),
                     _ => Vec::new(),
@@ -549,6 +549,14 @@ fn geometry_group(
         layout,
         entries: &entries,
     })
+}
+
+/// Whether there is room for shadows on pictures of this size.
+///
+/// # Errors
+/// When there are more pixels than one binding holds samples of.
+pub fn check_shadows(gpu: &Gpu, targets: &Targets) -> Result<(), RenderError> {
+    HardShadows::check(gpu, targets)
 }
 
 /// A storage buffer of a bind group's layout.

@@ -161,11 +161,15 @@ fn light(ui: &mut Ui, settings: &mut Settings) {
     });
     ui.horizontal(|ui| {
         ui.label("shadows");
-        for shadow in [Shadow::None, Shadow::Hard] {
+        for shadow in [Shadow::None, Shadow::Hard, Shadow::Soft] {
             ui.selectable_value(&mut settings.shadow, shadow, shadow.name())
-                .on_hover_text("of the statue on itself, exact at every pixel (H)");
+                .on_hover_text("of the statue on itself (H)");
         }
     });
+    let is_soft = settings.shadow == Shadow::Soft;
+    let size = Slider::new(&mut settings.light_size_deg, 0.0..=20.0).suffix("°").max_decimals(1);
+    ui.add_enabled(is_soft, size.text("light's size"))
+        .on_hover_text("the angle under which the light is seen; 0 casts hard shadows");
 }
 
 fn angle(value: &mut f64, most: f64) -> Slider<'_> {

@@ -19,6 +19,7 @@ use crate::frame::{FrameStats, Renderer};
 use crate::framing::Framing;
 use crate::gpu::Gpu;
 use crate::model::Model;
+use crate::passes::check_shadows;
 use crate::scene::{Shadow, Shot};
 
 /// More problems than anyone reads.
@@ -110,6 +111,13 @@ impl Session {
         self.take_depth();
         let moving = self.motion.is_moving(now);
         let lens = self.navigation.lens();
+        if self.settings.shadow != Shadow::None {
+            // A window may be larger than the adapter has room for: the statue stays.
+            if let Err(problem) = check_shadows(gpu, &scene.targets) {
+                self.settings.shadow = Shadow::None;
+                self.problems.insert(0, format!("no shadows: {problem}"));
+            }
+        }
         let shot = self.settings.shot(lens.camera, self.tau.factor(moving));
         let same = self.drawn == Some((shot, lens.size));
         let draw = !same || self.is_loading();

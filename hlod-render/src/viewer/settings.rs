@@ -4,9 +4,7 @@ use glam::Vec3;
 
 use super::light::{LightAngles, UPPER_LEFT};
 use crate::camera::Camera;
-use crate::scene::{
-    BACKGROUND, CASTER_THRESHOLD_PX, Material, Paint, Representation, Shadow, Shot,
-};
+use crate::scene::{BACKGROUND, Material, Paint, Representation, Shadow, Shot};
 
 /// Looks and precision.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,6 +19,8 @@ pub struct Settings {
     pub light: LightAngles,
     /// What shadows are drawn.
     pub shadow: Shadow,
+    /// Angle in degrees under which the light is seen, for soft ones.
+    pub light_size_deg: f64,
     /// How surfaces look.
     pub material: Material,
     /// Linear light of the background.
@@ -39,6 +39,7 @@ impl Default for Settings {
             paint: Paint::default(),
             light: UPPER_LEFT,
             shadow: Shadow::None,
+            light_size_deg: 3.0,
             material: Material::default(),
             background: BACKGROUND.to_array(),
             panel_open: true,
@@ -59,8 +60,9 @@ impl Settings {
             paint: self.paint,
             error_threshold_px: self.error_threshold_px * tau_factor,
             shadow: self.shadow,
-            light_size: 0.0,
-            caster_threshold_px: CASTER_THRESHOLD_PX,
+            light_size: self.light_size_deg,
+            // Shadows' edges are as fine as the surface.
+            caster_threshold_px: self.error_threshold_px * tau_factor,
             sample_offset_px: glam::DVec2::ZERO,
             draw_backs: false,
             backs_magenta: false,
