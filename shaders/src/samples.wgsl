@@ -1,4 +1,4 @@
-// Hard shadows, first half: what is seen, as the light sees it, into a grid. See shadow.wgsl.
+// Shadows, first half: what is seen, as the light sees it, into a grid. See shadow.wgsl.
 
 struct Cells {
     low: vec2<f32>,
@@ -178,7 +178,7 @@ fn lay_out() {
     // Without samples nothing is nearer than the farthest.
     grid.farthest = select(-3e38, largest[4], atomicLoad(&grid.largest[4]) != 0u);
     let extent = max(vec2(largest[2], largest[3]) - grid.low, vec2(1e-30));
-    // Blocks take no more than what is left: there are 64 cells to most of them, 8 to those of a
+    // Blocks take no more than what is left: there are 16 cells to most of them, 4 to those of a
     // grid of one row.
     let room = f32((arrayLength(&grid.cell) - 64u) / 5u * 4u);
     let columns = clamp(floor(sqrt(room * clamp(extent.x / extent.y, 1e-6, 1e6))), 1.0, room);

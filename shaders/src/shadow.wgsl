@@ -29,7 +29,6 @@ const UNBINNED: u32 = 0u;
 const TURNED: u32 = 0xfffffffeu;
 const ABSENT: u32 = 0xffffffffu;
 
-
 // Cells along a block's side.
 const BLOCK: i32 = 4;
 

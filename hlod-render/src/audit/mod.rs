@@ -10,7 +10,7 @@
 //!   the other way round; the full model at one sample a pixel is scored too: the floor, which is
 //!   what sampling alone costs;
 //! - *silhouette distance* is between the outlines, at 8 × 8 positions a pixel;
-//! - *shadow edges*, where shadows are asked for, are compared at as many positions with those that
+//! - *shadow edges*, where hard shadows are asked for (everything above is scored without), are compared at as many positions with those that
 //!   rays against the scan's triangles find.
 
 pub mod distance_transform;

@@ -101,6 +101,10 @@ fn run_bench(cli: &Cli, args: &BenchArgs) -> Outcome {
 }
 
 fn run_audit(cli: &Cli, args: &AuditArgs) -> Outcome {
+    if matches!(args.draw.shadow, args::ShadowArg::Soft) {
+        let why = "audit: soft shadows have no edges to compare; try --shadow hard";
+        return Err(Failure::Usage(why.into()));
+    }
     let gpu = cli.gpu(&args.draw)?;
     let framing = Framing::of(&Model::open(&gpu, &args.file, ModelLimits::default())?);
     let camera = framing.fitting([0.0, 0.0, 1.0], 1.0, FOV_Y_DEG);
