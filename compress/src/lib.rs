@@ -16,6 +16,7 @@
 mod bytes;
 mod cell;
 mod container;
+mod entropy;
 mod error;
 mod header;
 mod lattice;
@@ -36,7 +37,9 @@ pub use header::{
 pub use lattice::Lattice;
 pub use mesh::Mesh;
 pub use octahedral::OctNormal;
-pub use page::{decode_mesh, encode_mesh, encoded_mesh_counts};
+pub use page::{
+    PageAccount, decode_mesh, encode_mesh, encode_mesh_with_account, encoded_mesh_counts,
+};
 pub use skeleton::{
     BLOCK_BYTES_MAX, BlockRef, BoundStatus, Children, Errors, NodeFlags, NodeRecord, NormalCone,
     Representation, RepresentationKind, SkeletonBlock,

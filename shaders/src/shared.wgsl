@@ -35,7 +35,7 @@ struct Vertex {
     x: f32,
     y: f32,
     z: f32,
-    // Two 16-bit components on the octahedron, −2047 to 2047.
+    // Two 16-bit components on the octahedron, −511 to 511.
     normal: u32,
 }
 
@@ -53,7 +53,7 @@ const MOVED: u32 = 0x80000000u;
 const VERTEX: u32 = 0x1fffffffu;
 
 fn octahedral(code: u32) -> vec3<f32> {
-    let xy = vec2(f32(i32(code << 16u) >> 16u), f32(i32(code) >> 16u)) / 2047.0;
+    let xy = vec2(f32(i32(code << 16u) >> 16u), f32(i32(code) >> 16u)) / 511.0;
     let z = 1.0 - abs(xy.x) - abs(xy.y);
     let folded = (1.0 - abs(xy.yx)) * select(vec2(-1.0), vec2(1.0), xy >= vec2(0.0));
     return normalize(vec3(select(folded, xy, z >= 0.0), z));

@@ -67,7 +67,7 @@ struct Stored {
     parts: BTreeMap<CellKey, Mesh>,
     /// The stored error, in lattice steps.
     error: f64,
-    /// Leaves and pages hold normals to 12 bits an axis; the file's own numbers include that.
+    /// Leaves and pages hold normals to 10 bits an axis; the file's own numbers include that.
     normal_allowed_deg: f32,
 }
 

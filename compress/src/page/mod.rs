@@ -1,0 +1,216 @@
+//! Pages of triangles.
+//!
+//! ```text
+//! tag u8 · flags u8 · grid shift u8 · shift of positions u8 · shift of normals u8 · expectation u8 ·
+//! vertices u32 · triangles u32 · lowest corner 3×i32 · extent 3×u32 · bytes of symbols u32 ·
+//! symbols · plain bits
+//! ```
+//!
+//! Positions lie on the page's own grid, multiples of 2^shift lattice steps from the lowest corner.
+//! Everything is predicted from what was coded before ([`walk`], [`normals`]); what is left is
+//! entropy-coded ([`crate::entropy`]). Geometry and attributes come back unchanged, vertices and
+//! triangles in another order.
+
+mod cut_border;
+mod normals;
+mod values;
+mod walk;
+
+use crate::bytes::{ByteReader, ByteWriter};
+use crate::entropy::{Decoder, Encoder};
+use crate::{FormatError, Mesh, OctNormal};
+use normals::{Expectation, best_expectation, code_normals};
+use values::shift_for;
+use walk::{Declared, Truth, Walked, walk};
+
+const TAG_TRIANGLES: u8 = 2;
+const FLAG_COLOURS: u8 = 1;
+
+/// Nothing larger is written or decoded.
+const VERTICES_MAX: u32 = 1 << 22;
+const TRIANGLES_MAX: u32 = 1 << 23;
+/// Residuals have at most so many plain low bits.
+const SHIFT_MAX: u32 = 24;
+
+/// What of a page's bytes is what.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct PageAccount {
+    /// Header, positions, colours and triangles: they share their symbols.
+    pub shape: f64,
+    /// Normals.
+    pub normals: f64,
+}
+
+/// Encodes a mesh whose positions are all multiples of `2^grid_shift` from its lowest corner.
+///
+/// # Errors
+/// When the mesh is larger than a page may be.
+///
+/// # Panics
+/// When the mesh is inconsistent or off the grid: both are the caller's mistakes.
+pub fn encode_mesh(mesh: &Mesh, grid_shift: u8) -> Result<Vec<u8>, FormatError> {
+    encode_mesh_with_account(mesh, grid_shift).map(|(page, _)| page)
+}
+
+/// As [`encode_mesh`], with what the parts cost in bytes.
+///
+/// # Errors
+/// As [`encode_mesh`].
+///
+/// # Panics
+/// As [`encode_mesh`].
+pub fn encode_mesh_with_account(
+    mesh: &Mesh,
+    grid_shift: u8,
+) -> Result<(Vec<u8>, PageAccount), FormatError> {
+    if let Err(why) = mesh.validate() {
+        panic!("cannot encode an inconsistent mesh: {why}");
+    }
+    let (lowest, highest) = mesh.bounds().unwrap_or_default();
+    let grid = |p: [i32; 3]| -> [u32; 3] {
+        std::array::from_fn(|i| {
+            let offset = p[i].abs_diff(lowest[i]);
+            assert!(
+                offset.trailing_zeros() >= u32::from(grid_shift),
+                "position off the page's grid"
+            );
+            offset >> grid_shift
+        })
+    };
+    let extent = grid(highest);
+    for (unit, count, limit) in [
+        ("vertices", mesh.positions.len(), VERTICES_MAX),
+        ("triangles", mesh.triangles.len(), TRIANGLES_MAX),
+        ("steps along an axis", extent.into_iter().max().unwrap_or(0) as usize, EXTENT_MAX),
+    ] {
+        if count as u64 > u64::from(limit) {
+            let (count, limit) = (count as u64, u64::from(limit));
+            return Err(FormatError::TooLarge { what: "page", count, unit, limit });
+        }
+    }
+    let positions: Vec<[i32; 3]> =
+        mesh.positions.iter().map(|&p| grid(p).map(|c| c as i32)).collect();
+
+    let declared = Declared {
+        vertices: mesh.positions.len(),
+        triangles: mesh.triangles.len(),
+        extent: extent.map(|c| c as i32),
+        has_colours: mesh.has_colours(),
+        shift: shift_for(mean_edge(mesh, &positions) / 3.0).min(SHIFT_MAX),
+    };
+    let mut coder = Encoder::default();
+    let walked = walk(&mut coder, declared, Some(Truth::new(mesh, &positions)))?;
+    let shape = coder.cost_bits();
+    let truth: Vec<OctNormal> = walked.sources.iter().map(|&v| mesh.normals[v as usize]).collect();
+    let (expectation, mean) = best_expectation(&walked, &truth);
+    let normal_shift = shift_for(mean);
+    code_normals(&mut coder, &walked, normal_shift, expectation, Some(&truth));
+    let normals = (coder.cost_bits() - shape) / 8.0;
+    let (symbols, bits) = coder.finish();
+
+    let mut w = ByteWriter::default();
+    w.u8(TAG_TRIANGLES);
+    w.u8(if mesh.has_colours() { FLAG_COLOURS } else { 0 });
+    w.u8(grid_shift);
+    w.u8(declared.shift as u8);
+    w.u8(normal_shift as u8);
+    w.u8(expectation.to_byte());
+    w.u32(mesh.positions.len() as u32);
+    w.u32(mesh.triangles.len() as u32);
+    w.vec3_i32(lowest);
+    extent.iter().for_each(|&c| w.u32(c));
+    w.u32(symbols.len() as u32);
+    w.put(&symbols);
+    w.put(&bits);
+    let account = PageAccount { shape: w.bytes.len() as f64 - normals, normals };
+    Ok((w.bytes, account))
+}
+
+/// Positions are i32 on the page's grid.
+const EXTENT_MAX: u32 = i32::MAX as u32;
+
+/// Mean length of a triangle's first edge.
+fn mean_edge(mesh: &Mesh, positions: &[[i32; 3]]) -> f64 {
+    let length = |t: &[u32; 3]| {
+        let [a, b] = [t[0], t[1]].map(|v| positions[v as usize].map(f64::from));
+        (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
+    };
+    mesh.triangles.iter().map(length).sum::<f64>() / mesh.triangles.len().max(1) as f64
+}
+
+/// Numbers of vertices and triangles that a page declares, without decoding it.
+///
+/// # Errors
+/// When the bytes do not begin like a page of triangles.
+pub fn encoded_mesh_counts(page: &[u8]) -> Result<(u32, u32), FormatError> {
+    let mut r = ByteReader::new("page", page);
+    let tag = r.u8()?;
+    if tag != TAG_TRIANGLES {
+        return Err(FormatError::malformed("page", format!("unknown kind {tag}")));
+    }
+    r.take(5)?;
+    Ok((r.u32()?, r.u32()?))
+}
+
+/// Decodes a page of triangles. Its checksum is the caller's business, because the caller has it.
+///
+/// # Errors
+/// On any byte sequence that [`encode_mesh`] does not write: no panic, and no allocation that
+/// the page's declared and limited counts do not explain.
+pub fn decode_mesh(page: &[u8]) -> Result<Mesh, FormatError> {
+    let bad = |why: String| FormatError::malformed("page", why);
+    let (vertices, triangles) = encoded_mesh_counts(page)?;
+    let mut r = ByteReader::new("page", page);
+    r.u8()?;
+    let flags = r.u8()?;
+    let [grid_shift, shift, normal_shift, expectation] = [r.u8()?, r.u8()?, r.u8()?, r.u8()?];
+    r.take(8)?;
+    let lowest = r.vec3_i32()?;
+    let extent = [r.u32()?, r.u32()?, r.u32()?];
+    if vertices > VERTICES_MAX
+        || triangles > TRIANGLES_MAX
+        || flags & !FLAG_COLOURS != 0
+        || grid_shift > 30
+        || u32::from(shift.max(normal_shift)) > SHIFT_MAX
+        || extent.iter().any(|&c| c > EXTENT_MAX)
+    {
+        return Err(bad(format!(
+            "{vertices} vertices, {triangles} triangles, grid 2^{grid_shift}, extent {extent:?}"
+        )));
+    }
+    let expectation = Expectation::of_byte(expectation)
+        .ok_or_else(|| bad("normals expected in an unknown way".into()))?;
+    let symbols = r.u32()? as usize;
+    let symbols = r.take(symbols)?;
+    let bits = r.take(r.remaining())?;
+
+    let declared = Declared {
+        vertices: vertices as usize,
+        triangles: triangles as usize,
+        extent: extent.map(|c| c as i32),
+        has_colours: flags & FLAG_COLOURS != 0,
+        shift: shift.into(),
+    };
+    let mut coder = Decoder::new(symbols, bits)?;
+    let walked = walk(&mut coder, declared, None)?;
+    let normals = code_normals(&mut coder, &walked, normal_shift.into(), expectation, None);
+    coder.finish()?;
+
+    let Walked { positions, colours, triangles, .. } = walked;
+    let mut out = Vec::with_capacity(positions.len());
+    for p in positions {
+        let mut position = [0; 3];
+        for axis in 0..3 {
+            let value = (i64::from(p[axis]) << grid_shift) + i64::from(lowest[axis]);
+            position[axis] =
+                i32::try_from(value).map_err(|_| bad("a position lies off the lattice".into()))?;
+        }
+        out.push(position);
+    }
+    let mesh = Mesh { positions: out, normals, colours, triangles };
+    mesh.validate().map_err(bad)?;
+    Ok(mesh)
+}
+
+#[cfg(test)]
+mod tests;
