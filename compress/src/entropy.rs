@@ -17,10 +17,15 @@ const STATE_MIN: u32 = 1 << 16;
 /// Symbols take turns between states, so that one's arithmetic overlaps with the other's.
 const STATES: usize = 2;
 
+/// Least probability of a symbol: every symbol can always be coded, and none costs nothing.
+const LEAST: usize = 4;
+/// So no byte codes more symbols: 8 ÷ −log₂(1 − 15·4 ÷ 2¹⁵), rounded up. Pages that declare more
+/// than their bytes can say are refused before anything is allocated for them.
+pub(crate) const SYMBOLS_A_BYTE: u64 = 3_200;
+
 /// An adaptive distribution of 16 symbols.
 ///
-/// `below[s]` is the summed probability of the symbols before s. Each symbol keeps at least one
-/// 2⁻¹⁵, so every symbol can always be coded.
+/// `below[s]` is the summed probability of the symbols before s.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(32))]
 pub(crate) struct Model {
@@ -63,8 +68,8 @@ const TARGETS: [[i16; SYMBOLS]; SYMBOLS] = {
     while s < SYMBOLS {
         let mut i = 0;
         while i < SYMBOLS {
-            let above = if i > s { SCALE as usize - SYMBOLS } else { 0 };
-            targets[s][i] = (above + i) as i16;
+            let above = if i > s { SCALE as usize - LEAST * SYMBOLS } else { 0 };
+            targets[s][i] = (above + LEAST * i) as i16;
             i += 1;
         }
         s += 1;
@@ -75,8 +80,8 @@ const TARGETS: [[i16; SYMBOLS]; SYMBOLS] = {
 impl Model {
     /// The first `count` symbols alike, the rest all but impossible.
     pub(crate) fn among(count: usize) -> Model {
-        let share = (SCALE as usize - SYMBOLS) / count;
-        Model { below: std::array::from_fn(|i| (i + share * i.min(count)) as i16), seen: 0 }
+        let share = (SCALE as usize - LEAST * SYMBOLS) / count;
+        Model { below: std::array::from_fn(|i| (LEAST * i + share * i.min(count)) as i16), seen: 0 }
     }
 
     /// Symbols about as often as the weights say, which sum to 1,000.
@@ -85,8 +90,8 @@ impl Model {
         let mut sum = 0;
         let mut i = 0;
         while i < SYMBOLS {
-            below[i] = (i as u32 + sum * (SCALE - SYMBOLS as u32) / 1000) as i16;
-            sum += weights[i] as u32;
+            below[i] = (LEAST * i + sum * (SCALE as usize - LEAST * SYMBOLS) / 1000) as i16;
+            sum += weights[i] as usize;
             i += 1;
         }
         Model { below, seen: EXPECTING }
@@ -344,6 +349,20 @@ mod tests {
         assert!((bits - expected).abs() < 0.002 * bits, "{bits} bits, accounted {expected}");
     }
 
+    /// What [`SYMBOLS_A_BYTE`] promises, for the cheapest symbols there can be.
+    #[test]
+    fn no_symbol_is_free() {
+        let mut encoder = Encoder::default();
+        let mut model = Model::default();
+        const COUNT: u64 = 1_000_000;
+        for _ in 0..COUNT {
+            encoder.symbol(&mut model, 7);
+        }
+        let bytes = encoder.finish().0.len() as u64;
+        assert!(COUNT < bytes * SYMBOLS_A_BYTE, "{bytes} bytes");
+        assert!(COUNT > bytes * SYMBOLS_A_BYTE / 4, "{bytes} bytes: the bound says little");
+    }
+
     #[test]
     fn every_symbol_keeps_a_range() {
         for symbol in 0..SYMBOLS {
@@ -351,7 +370,7 @@ mod tests {
             (0..10_000).for_each(|_| model.adapt(symbol));
             for s in 0..SYMBOLS {
                 let (start, length) = model.range(s);
-                assert!(length > 0 && start + length <= SCALE, "{s}: {start} {length}");
+                assert!(length >= LEAST as u32 && start + length <= SCALE, "{s}: {start} {length}");
                 assert_eq!((model.find(start), model.find(start + length - 1)), (s, s));
             }
         }

@@ -5,8 +5,9 @@ use crate::{BlockRef, FormatError, Lattice};
 
 const MAGIC: [u8; 8] = *b"HLOD\r\n\x1a\n";
 
-/// The version this crate writes and the only one it reads. 0 means: not frozen yet.
-pub const FORMAT_VERSION: u32 = 0;
+/// The version this crate writes and the only one it reads. From 0xffff0000 on forms are counted that
+/// are not frozen; the first that is frozen will be 1.
+pub const FORMAT_VERSION: u32 = 0xffff_0002;
 
 /// No header is longer; a first read of this size always holds all of it.
 pub const HEADER_BYTES_MAX: usize = 64 * 1024;
@@ -236,13 +237,19 @@ impl Header {
             w.put(&source.sha256);
         }
 
-        let body = w.bytes;
+        Header::with_prefix(&w.bytes)
+    }
+
+    /// Signature, version, length and checksum in front of a header's body. For fuzzing, too, which
+    /// would never guess a checksum.
+    #[doc(hidden)]
+    pub fn with_prefix(body: &[u8]) -> Vec<u8> {
         let mut prefix = ByteWriter::default();
         prefix.put(&MAGIC);
         prefix.u32(FORMAT_VERSION);
         prefix.u32(body.len() as u32);
-        prefix.u32(crc32fast::hash(&body));
-        prefix.put(&body);
+        prefix.u32(crc32fast::hash(body));
+        prefix.put(body);
         prefix.bytes
     }
 

@@ -150,7 +150,7 @@ fn every_truncation_and_every_damaged_front_byte_is_an_error() {
 #[test]
 fn other_versions_are_named() {
     let mut bytes = header().to_bytes();
-    bytes[8] = 9;
+    bytes[8..12].copy_from_slice(&9u32.to_le_bytes());
     assert!(matches!(Header::parse(&bytes), Err(FormatError::Version { found: 9, .. })));
     assert!(matches!(Header::parse(b"ply\nformat"), Err(FormatError::NotHlod)));
     assert!(matches!(Header::parse(b""), Err(FormatError::NotHlod)));

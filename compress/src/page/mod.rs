@@ -17,7 +17,7 @@ mod values;
 mod walk;
 
 use crate::bytes::{ByteReader, ByteWriter};
-use crate::entropy::{Decoder, Encoder};
+use crate::entropy::{Decoder, Encoder, SYMBOLS_A_BYTE};
 use crate::{FormatError, Mesh, OctNormal};
 use normals::{Expectation, best_expectation, code_normals};
 use values::shift_for;
@@ -183,6 +183,11 @@ pub fn decode_mesh(page: &[u8]) -> Result<Mesh, FormatError> {
     let symbols = r.u32()? as usize;
     let symbols = r.take(symbols)?;
     let bits = r.take(r.remaining())?;
+    // Each triangle and each vertex costs a symbol.
+    if u64::from(vertices.max(triangles)) > symbols.len() as u64 * SYMBOLS_A_BYTE {
+        let symbols = symbols.len();
+        return Err(bad(format!("{triangles} triangles in {symbols} bytes of symbols")));
+    }
 
     let declared = Declared {
         vertices: vertices as usize,

@@ -168,6 +168,69 @@ fn every_truncation_is_an_error() {
     }
 }
 
+/// Pages with bytes changed, cut, repeated and exchanged: an error or some valid mesh, and soon. As
+/// many as `HLOD_DAMAGED_PAGES` says; the number printed with a panic reproduces it.
+#[test]
+fn damaged_pages_are_errors_or_meshes() {
+    let pages: Vec<Vec<u8>> = [grid_mesh(6, 2, true), grid_mesh(12, 0, false), torus(9)]
+        .iter()
+        .zip([2, 0, 0])
+        .map(|(mesh, shift)| encode_mesh(mesh, shift).unwrap())
+        .collect();
+    let count = std::env::var("HLOD_DAMAGED_PAGES").map_or(30_000, |n| n.parse().unwrap());
+    let mut meshes = 0u64;
+    for number in 0..count {
+        let page = damaged(&pages, number);
+        let result = std::panic::catch_unwind(|| decode_mesh(&page));
+        let Ok(result) = result else { panic!("damaged page {number} made the decoder panic") };
+        if let Ok(mesh) = result {
+            assert!(mesh.validate().is_ok(), "damaged page {number} became an invalid mesh");
+            meshes += 1;
+        }
+    }
+    println!("{count} damaged pages: {meshes} are meshes, the others errors");
+    // Plain bits have no redundancy: another sign is another mesh. Checksums see that.
+    assert!(meshes < count / 10, "hardly any damage is seen: {meshes} of {count}");
+}
+
+/// Damage `number`, of one to four kinds.
+fn damaged(pages: &[Vec<u8>], number: u64) -> Vec<u8> {
+    // splitmix64 (Steele, Lea & Flood 2014).
+    let mut state = number.wrapping_mul(0x2545_f491_4f6c_dd1d);
+    let mut random = |below: usize| {
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = state;
+        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ z >> 31) % below.max(1) as u64) as usize
+    };
+    let mut page = pages[random(pages.len())].clone();
+    for _ in 0..1 + random(4) {
+        let at = random(page.len());
+        match random(6) {
+            0 => page[at] ^= 1 << random(8),
+            1 => page[at] = random(256) as u8,
+            // Headers matter most.
+            2 => page[random(44)] = [0, 1, 0x7f, 0x80, 0xff][random(5)],
+            3 => page.truncate(at.max(1)),
+            4 => {
+                let copied = page[at..(at + random(32)).min(page.len())].to_vec();
+                let to = random(page.len());
+                page.splice(to..to, copied);
+            }
+            _ => {
+                let other = &pages[random(pages.len())];
+                let from = random(other.len());
+                page.truncate(at.max(1));
+                page.extend(&other[from..]);
+            }
+        }
+        // Every damage must find a header to damage.
+        page.resize(page.len().max(44), 0);
+    }
+    page
+}
+
 proptest! {
     #[test]
     fn damaged_pages_never_panic(at in 0usize..600, value in any::<u8>(), cut in 0usize..600) {
