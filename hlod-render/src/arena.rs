@@ -57,6 +57,26 @@ impl ArenaSize {
         }
     }
 
+    /// Smaller, where two would not fit into so many bytes; but never so small that usual pages do
+    /// not fit.
+    pub(crate) fn within(self, bytes: u64) -> ArenaSize {
+        const VERTICES_LEAST: u32 = 1 << 18;
+        let share = (bytes as f64 / 2.0 / self.bytes() as f64).min(1.0);
+        let fit =
+            |count: u32, least: u32| ((f64::from(count) * share) as u32).max(least.min(count));
+        ArenaSize {
+            vertices: fit(self.vertices, VERTICES_LEAST),
+            triangles: fit(self.triangles, 2 * VERTICES_LEAST),
+            ..self
+        }
+    }
+
+    /// Bytes that a page takes, about: skirts add to it.
+    pub(crate) fn bytes_of(vertices: u64, triangles: u64) -> u64 {
+        let skirts = triangles / 8;
+        vertices * VERTEX_BYTES + (triangles + skirts) * (TRIANGLE_BYTES + EDGE_BYTES)
+    }
+
     pub(crate) fn bytes(&self) -> u64 {
         let colours = if self.has_colours { COLOUR_BYTES } else { 0 };
         u64::from(self.vertices) * (VERTEX_BYTES + colours)

@@ -13,6 +13,7 @@ use crate::model::{Model, ModelLimits};
 use crate::path::CameraPath;
 use crate::picture::{Canvas, PICTURE_FORMAT};
 use crate::scene::Shot;
+use crate::source::open_local;
 
 /// What is measured.
 #[derive(Debug, Clone)]
@@ -76,8 +77,12 @@ pub struct BenchReport {
     pub frames_over_tau: u32,
     /// Mean over frames of the area-weighted max(1, ρ/τ).
     pub tau_ratio_mean: f64,
+    /// Frames that drew something coarser than 2τ, after the path's first two seconds.
+    pub frames_over_2tau: u32,
     /// Bytes read while measuring.
     pub bytes_read: u64,
+    /// Of pages that were drawn after they were read.
+    pub bytes_drawn: u64,
     /// Most bytes of geometry on the GPU.
     pub resident_bytes_max: u64,
     /// Each frame's time, for plots.
@@ -112,10 +117,13 @@ pub fn bench(
     let (width, height) = options.size;
     let canvas = Canvas::new(gpu, width, height)?;
     let mut renderer = Renderer::new(gpu, PICTURE_FORMAT);
+    open_local(file)?;
     if options.cold {
         drop_file_cache(file)?;
     }
-    let mut models = [Model::open(gpu, file, options.limits)?];
+    // What is warm has all it needs: reading ahead would only take time from drawing.
+    let prefetch = options.limits.prefetch && options.cold;
+    let mut models = [Model::open(gpu, file, ModelLimits { prefetch, ..options.limits })?];
     let placed = path.place(Framing::of(&models[0]), file)?;
     let shot_at = |frame: u32| {
         let share = f64::from(frame) / f64::from((options.frames - 1).max(1));
@@ -132,6 +140,7 @@ pub fn bench(
     }
 
     let bytes_before = models[0].bytes_read();
+    let drawn_before = models[0].drawn_bytes();
     let mut times = Vec::new();
     let mut report = BenchReport {
         file: file.to_owned(),
@@ -156,7 +165,9 @@ pub fn bench(
         stalled_frames: 0,
         frames_over_tau: 0,
         tau_ratio_mean: 0.0,
+        frames_over_2tau: 0,
         bytes_read: 0,
+        bytes_drawn: 0,
         resident_bytes_max: 0,
         frame_times_ms: Vec::new(),
     };
@@ -177,12 +188,15 @@ pub fn bench(
         report.caster_primitives_mean += stats.caster_triangles as f64 / f64::from(options.frames);
         report.tau_ratio_mean += stats.tau_ratio / f64::from(options.frames);
         report.frames_over_tau += u32::from(stats.tau_ratio_max > 1.0);
+        let secs = f64::from(frame) / f64::from(options.frames) * path.duration_secs;
+        report.frames_over_2tau += u32::from(secs > 2.0 && stats.tau_ratio_max > 2.0);
         // A front that wants something and draws nothing leaves the picture empty.
         report.stalled_frames += u32::from(stats.nodes == 0 && stats.missing_parts > 0);
         report.resident_bytes_max = report.resident_bytes_max.max(models[0].resident_bytes());
         advance(frame);
     }
     report.bytes_read = models[0].bytes_read() - bytes_before;
+    report.bytes_drawn = models[0].drawn_bytes() - drawn_before;
     report.fps_mean = f64::from(options.frames) / times.iter().sum::<f64>() * 1e3;
     report.frame_times_ms = times.clone();
     report.frame_ms = percentiles(&mut times);

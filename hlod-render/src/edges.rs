@@ -1,7 +1,5 @@
 //! Which triangles are neighbours: what makes silhouettes of edges.
 
-use std::collections::HashMap;
-
 use hlod_compress::Mesh;
 
 /// No triangle, or several, across an edge.
@@ -11,32 +9,46 @@ pub(crate) const NO_VERTEX: u32 = u32::MAX;
 /// triangle that has it the other way round; [`NO_VERTEX`] where there is none, or several. Vertices
 /// that differ in their normals alone do not part a surface.
 pub(crate) fn across(mesh: &Mesh) -> Vec<u32> {
-    // One number a position.
-    let mut first_at: HashMap<[i32; 3], u32> = HashMap::with_capacity(mesh.positions.len());
-    let place: Vec<u32> =
-        mesh.positions.iter().zip(0..).map(|(p, v)| *first_at.entry(*p).or_insert(v)).collect();
-    const SEVERAL: u32 = NO_VERTEX - 1;
-    let mut opposite: HashMap<[u32; 2], u32> = HashMap::with_capacity(3 * mesh.triangles.len());
-    let edges = |t: &[u32; 3]| {
-        let t = *t;
-        (0..3).map(move |k| ([t[k], t[(k + 1) % 3]], t[(k + 2) % 3]))
+    // One number a position: that of the first vertex there.
+    let mut by_position: Vec<u32> = (0..mesh.positions.len() as u32).collect();
+    by_position.sort_unstable_by_key(|&v| (mesh.positions[v as usize], v));
+    let mut place = vec![0; mesh.positions.len()];
+    for same in
+        by_position.chunk_by(|&a, &b| mesh.positions[a as usize] == mesh.positions[b as usize])
+    {
+        same.iter().for_each(|&v| place[v as usize] = same[0]);
+    }
+
+    // Half-edges by where they begin; there are few at each place, so that lists beat a table.
+    let corners = mesh.triangles.as_flattened();
+    let next = |h: usize| if h % 3 == 2 { h - 2 } else { h + 1 };
+    let from = |h: usize| place[corners[h] as usize] as usize;
+    let mut begins = vec![0u32; mesh.positions.len() + 1];
+    (0..corners.len()).for_each(|h| begins[from(h) + 1] += 1);
+    for v in 1..begins.len() {
+        begins[v] += begins[v - 1];
+    }
+    let mut filled = begins.clone();
+    let mut leaving = vec![0u32; corners.len()];
+    for h in 0..corners.len() {
+        let at = &mut filled[from(h)];
+        leaving[*at as usize] = h as u32;
+        *at += 1;
+    }
+    // The one half-edge between two places, if it is one.
+    let between = |a: usize, b: usize| {
+        let mut found = leaving[begins[a] as usize..begins[a + 1] as usize]
+            .iter()
+            .map(|&h| h as usize)
+            .filter(|&h| from(next(h)) == b);
+        found.next().filter(|_| found.next().is_none())
     };
-    for t in &mesh.triangles {
-        for (edge, other) in edges(t) {
-            let key = edge.map(|v| place[v as usize]);
-            opposite.entry(key).and_modify(|o| *o = SEVERAL).or_insert(other);
-        }
-    }
-    let mut out = Vec::with_capacity(3 * mesh.triangles.len());
-    for t in &mesh.triangles {
-        for (edge, _) in edges(t) {
-            let [a, b] = edge.map(|v| place[v as usize]);
-            let alone = opposite.get(&[a, b]) != Some(&SEVERAL);
-            let other = opposite.get(&[b, a]).copied().filter(|&o| alone && o != SEVERAL);
-            out.push(other.unwrap_or(NO_VERTEX));
-        }
-    }
-    out
+    let across = |h: usize| {
+        let (a, b) = (from(h), from(next(h)));
+        let twin = between(a, b).and_then(|_| between(b, a));
+        twin.map_or(NO_VERTEX, |twin| corners[next(next(twin))])
+    };
+    (0..corners.len()).map(across).collect()
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 //! One frame, as an outline: receive → select receivers → select casters → request → surface →
 //! shadow → shade.
 
+use std::time::{Duration, Instant};
+
 use glam::{DMat4, DVec2, DVec3, Mat4, Vec4};
 
 use crate::arena::Arena;
@@ -10,6 +12,7 @@ use crate::gpu::Gpu;
 use crate::lit::{Lit, LitPart};
 use crate::loader::Part;
 use crate::model::Model;
+use crate::need::{Need, PaceTracker};
 use crate::passes::{
     Drawn, DrawnPart, DrawnShadow, FaceUniforms, FrameUniform, Passes, Range, Rectangle, Targets,
 };
@@ -49,6 +52,9 @@ struct Fronts {
 /// Draws models.
 pub struct Renderer {
     passes: Passes,
+    pace: PaceTracker,
+    begun: Instant,
+    planned: Option<Instant>,
     /// What rays are traced against, once any were, and what it was made of.
     tracer: Option<(Vec<std::path::PathBuf>, Tracer)>,
 }
@@ -56,7 +62,13 @@ pub struct Renderer {
 impl Renderer {
     /// Compiles the passes; `output` is the format of the pictures.
     pub fn new(gpu: &Gpu, output: wgpu::TextureFormat) -> Renderer {
-        Renderer { passes: Passes::new(gpu, output), tracer: None }
+        Renderer {
+            passes: Passes::new(gpu, output),
+            pace: PaceTracker::default(),
+            begun: Instant::now(),
+            planned: None,
+            tracer: None,
+        }
     }
 
     /// Draws one frame with what is resident and asks for what is missing. Never waits.
@@ -70,9 +82,28 @@ impl Renderer {
         shot: &Shot,
         targets: &Targets,
     ) -> Result<FrameStats, RenderError> {
+        self.plan(models, shot, targets);
         let fronts = update(gpu, models, shot, targets.width(), targets.height())?;
         self.draw(gpu, models, &fronts, shot, targets)?;
         Ok(stats(models, &fronts, shot))
+    }
+
+    /// Looks ahead, now and then: what will be wanted if the eye goes on as it did lately.
+    fn plan(&mut self, models: &mut [Model], shot: &Shot, targets: &Targets) {
+        const EVERY: Duration = Duration::from_millis(50);
+        let now = Instant::now();
+        let secs = now.duration_since(self.begun).as_secs_f64();
+        let height = models.iter().map(|m| m.bounds()).map(|(low, high)| (high - low).length());
+        let pace = self.pace.note(secs, &shot.camera, height.fold(0.0, f64::max));
+        if self.planned.is_some_and(|planned| now.duration_since(planned) < EVERY) {
+            return;
+        }
+        self.planned = Some(now);
+        for model in models {
+            let placed = model.world_from_model();
+            let view = View::new(&shot.camera, placed, targets.width(), targets.height());
+            model.plan(&Need::new(&view, selection(shot), pace));
+        }
     }
 
     /// Draws one frame after loading everything it wants.
@@ -286,6 +317,15 @@ impl Seen {
     }
 }
 
+/// What is asked of the receivers' front.
+fn selection(shot: &Shot) -> Selection {
+    let full = shot.representation == Representation::Full;
+    Selection {
+        kind: shot.representation.kind(),
+        error_threshold_px: if full { 0.0 } else { shot.error_threshold_px },
+    }
+}
+
 /// Receive → select → request, for every model.
 fn update(
     gpu: &Gpu,
@@ -295,10 +335,7 @@ fn update(
     height: u32,
 ) -> Result<Fronts, RenderError> {
     let full = shot.representation == Representation::Full;
-    let selection = Selection {
-        kind: shot.representation.kind(),
-        error_threshold_px: if full { 0.0 } else { shot.error_threshold_px },
-    };
+    let selection = selection(shot);
     let mut fronts = Fronts { receivers: Vec::new(), casters: Vec::new() };
     for model in models.iter_mut() {
         model.receive(gpu)?;

@@ -4,6 +4,7 @@
 //! up axis, and the axes are right, up and front (towards a viewer before the statue).
 
 use glam::DVec3;
+use hlod_compress::Header;
 
 use crate::camera::{Camera, Projection};
 use crate::model::Model;
@@ -27,9 +28,16 @@ pub const FOV_Y_DEG: f64 = 35.0;
 impl Framing {
     /// Of one model, by the directions its header declares.
     pub fn of(model: &Model) -> Framing {
-        let up = DVec3::from_array(model.header().up.direction());
-        let front = DVec3::from_array(model.header().front.direction());
-        Framing::new(model.bounds(), up, front)
+        Framing::of_header(model.header())
+    }
+
+    /// Of a file, by its header alone.
+    pub fn of_header(header: &Header) -> Framing {
+        let place = |p| DVec3::from_array(header.lattice.position(p));
+        let bounds = (place(header.bounds[0]), place(header.bounds[1]));
+        let up = DVec3::from_array(header.up.direction());
+        let front = DVec3::from_array(header.front.direction());
+        Framing::new(bounds, up, front)
     }
 
     /// `up` and `front` are perpendicular unit vectors along axes.

@@ -22,14 +22,18 @@ mod light_space;
 mod lit;
 pub mod loader;
 mod model;
+pub mod need;
 pub mod passes;
 pub mod path;
 pub mod pick;
 pub mod picture;
+pub mod residency;
 pub mod scene;
 pub mod select;
+pub mod simulate;
 pub mod skeleton;
 pub mod skirts;
+pub mod source;
 mod traced;
 #[cfg(feature = "viewer")]
 pub mod viewer;

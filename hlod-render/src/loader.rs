@@ -1,23 +1,23 @@
 //! Reading and decoding in the background.
 //!
 //! [`Loader`] is all that the renderer knows: requests are submitted, completions polled, nothing
-//! waits. [`FileLoader`] is the implementation for local files, with threads; others (a network, a
-//! browser) need only these two calls and [`decode`].
+//! waits. [`SourceLoader`] is the implementation with threads, for files on disks and servers; others (a
+//! browser) need only these calls and [`decode`].
 
 use std::collections::HashSet;
-use std::path::Path;
 use std::sync::mpsc;
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 use bytemuck::{Pod, Zeroable};
 use hlod_compress::{
-    BlockRef, CellKey, FormatError, Header, HlodFile, Lattice, PageRef, RepresentationKind,
-    SkeletonBlock, decode_mesh,
+    BlockRef, CellKey, FormatError, Header, Lattice, PageRef, RepresentationKind, SkeletonBlock,
+    decode_mesh,
 };
 
 use crate::edges::across;
 use crate::skirts::skirts;
+use crate::source::Source;
 
 /// What a request is for, as its submitter knows it.
 pub type Ticket = u64;
@@ -133,14 +133,14 @@ pub fn decode(part: &Part, bytes: &[u8], header: &Header) -> Result<Loaded, Form
     }
 }
 
-/// Reads a local file on worker threads, each with its own positioned reads.
-pub struct FileLoader {
+/// Reads a file on worker threads, each with its own reads.
+pub struct SourceLoader {
     shared: Arc<Shared>,
     completions: mpsc::Receiver<Completion>,
 }
 
 struct Shared {
-    file: HlodFile,
+    source: Arc<Source>,
     state: Mutex<State>,
     wake: Condvar,
 }
@@ -161,28 +161,20 @@ struct Bandwidth {
     free_at: Instant,
 }
 
-impl FileLoader {
-    /// Opens a file; `bytes_per_sec` limits reading.
-    ///
-    /// # Errors
-    /// When it is not an `.hlod` file.
-    pub fn open(
-        path: &Path,
-        threads: usize,
-        bytes_per_sec: Option<f64>,
-    ) -> Result<(FileLoader, hlod_compress::Header), FormatError> {
-        let file = HlodFile::open(path)?;
-        let header = file.header().clone();
+impl SourceLoader {
+    /// Starts as many threads as the source has readers; `bytes_per_sec` limits reading.
+    pub fn new(source: Arc<Source>, bytes_per_sec: Option<f64>) -> SourceLoader {
         let bandwidth =
             bytes_per_sec.map(|bytes_per_sec| Bandwidth { bytes_per_sec, free_at: Instant::now() });
         let state = State { wanted: Vec::new(), begun: HashSet::new(), closing: false, bandwidth };
-        let shared = Arc::new(Shared { file, state: Mutex::new(state), wake: Condvar::new() });
+        let readers = source.readers();
+        let shared = Arc::new(Shared { source, state: Mutex::new(state), wake: Condvar::new() });
         let (sender, completions) = mpsc::channel();
-        for _ in 0..threads.max(1) {
+        for _ in 0..readers {
             let (shared, sender) = (shared.clone(), sender.clone());
             std::thread::spawn(move || work(&shared, &sender));
         }
-        Ok((FileLoader { shared, completions }, header))
+        SourceLoader { shared, completions }
     }
 }
 
@@ -210,19 +202,23 @@ fn work(shared: &Shared, completions: &mpsc::Sender<Completion>) {
         drop(state);
         std::thread::sleep(begin.saturating_duration_since(Instant::now()));
 
-        let read = match &part {
-            Part::Block(b) => shared.file.read_range("skeleton block", b.offset, b.block_bytes),
-            Part::Page(p, ..) => shared.file.read_range("page", p.offset, p.page_bytes),
+        let (what, offset, count) = match &part {
+            Part::Block(b) => ("skeleton block", b.offset, b.block_bytes),
+            Part::Page(p, ..) => ("page", p.offset, p.page_bytes),
         };
-        let bytes_read = read.as_ref().map_or(0, |bytes| bytes.len() as u64);
-        let result = read.and_then(|bytes| decode(&part, &bytes, shared.file.header()));
+        let read = shared.source.read(what, offset, count);
+        let bytes_read = read.as_ref().map_or(0, |(_, bytes_read)| *bytes_read);
+        let result = read.and_then(|(bytes, _)| {
+            let decoded = decode(&part, &bytes, shared.source.header());
+            decoded.inspect_err(|_| shared.source.forget(offset))
+        });
         if completions.send(Completion { ticket, result, bytes_read }).is_err() {
             return;
         }
     }
 }
 
-impl Loader for FileLoader {
+impl Loader for SourceLoader {
     fn submit(&mut self, mut wanted: Vec<(Ticket, Part)>) {
         wanted.reverse();
         if let Ok(mut state) = self.shared.state.lock() {
@@ -247,7 +243,7 @@ impl Loader for FileLoader {
     }
 }
 
-impl Drop for FileLoader {
+impl Drop for SourceLoader {
     fn drop(&mut self) {
         if let Ok(mut state) = self.shared.state.lock() {
             state.closing = true;

@@ -1,36 +1,50 @@
 //! A file that is shown: its skeleton, what of it is resident, and what is on the way.
 
 use std::collections::{HashMap, HashSet, VecDeque};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use glam::{DMat4, DVec3};
-use hlod_compress::{CellKey, Header, HlodFile};
+use hlod_compress::{CellKey, FormatError, Header};
 
 use crate::arena::{Arena, ArenaSize, Slot};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
-use crate::loader::{Completion, FileLoader, GpuMesh, Loaded, Loader, decode, model_origin};
+use crate::loader::{Completion, GpuMesh, Loaded, Loader, SourceLoader, decode, model_origin};
+use crate::need::{Need, Plan};
+use crate::residency::{DueTimes, HORIZON_SECS, due_times, requests, victim};
 use crate::select::{Front, Wanted, page_ticket, parse_ticket};
-use crate::skeleton::{ChildLink, Skeleton};
+use crate::skeleton::{ChildLink, Node, Skeleton};
+use crate::source::{Source, cache_folder};
 
 /// Limits under which a model is shown.
 #[derive(Debug, Clone, Copy)]
 pub struct ModelLimits {
     /// Most bytes of geometry on the GPU; exceeded only by what one frame draws.
     pub gpu_bytes: u64,
+    /// Most bytes of the file that are kept in memory as they were read.
+    pub host_bytes: u64,
     /// Most bytes copied to the GPU in one frame, so that none takes long.
     pub upload_bytes_per_frame: u64,
     /// Limit on reading, for measurements.
     pub read_bytes_per_sec: Option<f64>,
+    /// Whether parts are loaded before they are wanted.
+    pub prefetch: bool,
+    /// Whether what servers send is kept on disk until next time.
+    pub keep_on_disk: bool,
 }
 
 impl Default for ModelLimits {
-    /// 1 GiB on the GPU, 8 MiB a frame, reading as fast as the disk.
+    /// 1 GiB on the GPU, 256 MiB in memory, 8 MiB a frame, reading ahead, as fast as the disk.
     fn default() -> Self {
         ModelLimits {
             gpu_bytes: 1 << 30,
+            host_bytes: 256 << 20,
             upload_bytes_per_frame: 8 << 20,
             read_bytes_per_sec: None,
+            prefetch: true,
+            keep_on_disk: true,
         }
     }
 }
@@ -49,31 +63,38 @@ pub struct Model {
     /// Decoded and not copied to the GPU yet.
     waiting: VecDeque<((u32, usize), GpuMesh)>,
     frame: u64,
+    plan: Plan,
+    /// When pages will be wanted.
+    due: DueTimes,
+    /// Of pages that were drawn at least once: bytes in the file.
+    drawn_bytes: u64,
     /// Parts that turned out to be damaged: not asked for again.
     damaged: HashSet<u64>,
     problems: Vec<String>,
+    /// Why nothing comes at present.
+    link_problem: Option<String>,
     bytes_read: u64,
 }
 
 struct Resident {
     slot: Slot,
     last_used: u64,
+    was_drawn: bool,
 }
 
 impl Model {
-    /// Opens a file and loads its root, so that there is always something to draw.
+    /// Opens a file, or one on a web server by its address, and loads its root, so that there is always something to draw.
     ///
     /// # Errors
     /// When the file is not an `.hlod` file or its front part is damaged.
     pub fn open(gpu: &Gpu, path: &Path, limits: ModelLimits) -> Result<Model, RenderError> {
-        const READER_THREADS: usize = 2;
         let format = RenderError::format(path);
-        let file = HlodFile::open(path).map_err(&format)?;
+        let cache = limits.keep_on_disk.then(cache_folder).flatten();
+        let file = Arc::new(Source::open(path, limits.host_bytes, cache.as_deref())?);
         let header = file.header().clone();
         let root_block = file.read_block(header.root_block).map_err(&format)?;
         let skeleton = Skeleton::new(header.lattice, &root_block);
-        let (loader, _) =
-            FileLoader::open(path, READER_THREADS, limits.read_bytes_per_sec).map_err(&format)?;
+        let loader = SourceLoader::new(file.clone(), limits.read_bytes_per_sec);
 
         // Arenas are no larger than the whole model needs.
         let nodes = skeleton.nodes().iter();
@@ -85,7 +106,8 @@ impl Model {
         } else {
             known
         };
-        let arena_size = ArenaSize::for_model(gpu, vertices, triangles, header.has_colours());
+        let arena_size = ArenaSize::for_model(gpu, vertices, triangles, header.has_colours())
+            .within(limits.gpu_bytes);
 
         let mut model = Model {
             path: path.to_owned(),
@@ -99,8 +121,12 @@ impl Model {
             slots: HashMap::new(),
             waiting: VecDeque::new(),
             frame: 0,
+            plan: Plan::default(),
+            due: DueTimes::new(),
+            drawn_bytes: 0,
             damaged: HashSet::new(),
             problems: Vec::new(),
+            link_problem: None,
             bytes_read: 0,
         };
         let root = model.skeleton.nodes()[0].representations.clone();
@@ -147,9 +173,19 @@ impl Model {
         std::mem::take(&mut self.problems)
     }
 
+    /// Why nothing comes from the server at present; asking goes on.
+    pub fn link_problem(&self) -> Option<&str> {
+        self.link_problem.as_deref()
+    }
+
     /// Bytes read from the file so far.
     pub fn bytes_read(&self) -> u64 {
         self.bytes_read
+    }
+
+    /// Of these, bytes of pages that were drawn since they were read.
+    pub fn drawn_bytes(&self) -> u64 {
+        self.drawn_bytes
     }
 
     /// Bytes of geometry that are resident on the GPU.
@@ -189,12 +225,22 @@ impl Model {
         for Completion { ticket, result, bytes_read } in self.loader.poll() {
             self.bytes_read += bytes_read;
             let (node, representation) = parse_ticket(ticket);
+            if bytes_read > 0 {
+                self.link_problem = None;
+            }
             match (result, representation) {
                 (Ok(Loaded::Block(block)), None) => {
                     self.skeleton.add_children(node, &block);
                 }
                 (Ok(Loaded::Mesh(mesh)), Some(r)) => self.waiting.push_back(((node, r), mesh)),
                 (Ok(_), _) => {}
+                (Err(FormatError::Io(error)), _) if error.kind() == ErrorKind::NotConnected => {
+                    // It is asked for again as long as it is wanted.
+                    if self.link_problem.is_none() {
+                        self.problems.push(format!("{}: {error}", self.path.display()));
+                    }
+                    self.link_problem = Some(error.to_string());
+                }
                 (Err(error), _) => {
                     // Its ancestor is drawn in its place from now on.
                     if self.damaged.insert(ticket) {
@@ -214,59 +260,93 @@ impl Model {
         Ok(())
     }
 
+    /// Finds what will be wanted soon, to be asked for and kept.
+    pub fn plan(&mut self, need: &Need<'_>) {
+        if !self.limits.prefetch {
+            return;
+        }
+        // Some room is lost between pages.
+        let bytes = self.limits.gpu_bytes / 10 * 9;
+        let gpu_bytes = |node: &Node, r: usize| {
+            let r = &node.representations[r];
+            ArenaSize::bytes_of(r.vertices.into(), r.triangles.into())
+        };
+        self.plan = need.plan(&self.skeleton, HORIZON_SECS, bytes, &gpu_bytes);
+    }
+
     /// Asks for what fronts lack, and notes what they use.
     pub fn request(&mut self, fronts: &[Option<&Front>]) {
         let fronts: Vec<&Front> = fronts.iter().copied().flatten().collect();
         for draw in fronts.iter().flat_map(|front| &front.draws) {
-            if let Some(resident) = self.slots.get_mut(&(draw.node, draw.representation)) {
+            let key = (draw.node, draw.representation);
+            if let Some(resident) = self.slots.get_mut(&key) {
                 resident.last_used = self.frame;
+                if !std::mem::replace(&mut resident.was_drawn, true) {
+                    let node = &self.skeleton.nodes()[draw.node as usize];
+                    let page = node.representations[draw.representation].page;
+                    self.drawn_bytes += u64::from(page.page_bytes);
+                }
             }
         }
         let waiting: HashSet<u64> =
             self.waiting.iter().map(|((node, r), _)| page_ticket(*node, *r)).collect();
-        let mut wanted: Vec<&Wanted> = fronts
-            .iter()
-            .flat_map(|front| &front.wanted)
-            .filter(|w| !waiting.contains(&w.ticket) && !self.damaged.contains(&w.ticket))
-            .collect();
-        wanted.sort_by(|a, b| b.urgency.total_cmp(&a.urgency).then(a.ticket.cmp(&b.ticket)));
-        let mut asked = HashSet::new();
-        wanted.retain(|w| asked.insert(w.ticket));
-        self.loader.submit(wanted.iter().map(|w| (w.ticket, w.part)).collect());
+        let mut wanted: Vec<&Wanted> = fronts.iter().flat_map(|front| &front.wanted).collect();
+        // What is wanted now may be anywhere in the plan, and must not make room for what is not.
+        self.due = due_times(&self.plan);
+        for wanted in &wanted {
+            if let (node, Some(r)) = parse_ticket(wanted.ticket) {
+                self.due.insert((node, r), -1.0);
+            }
+        }
+        let has = |ticket: u64| {
+            let resident = match parse_ticket(ticket) {
+                (node, Some(r)) => self.slots.contains_key(&(node, r)),
+                (node, None) => {
+                    let link = self.skeleton.nodes()[node as usize].children;
+                    !matches!(link, ChildLink::Unloaded(_))
+                }
+            };
+            resident || waiting.contains(&ticket) || self.damaged.contains(&ticket)
+        };
+        self.loader.submit(requests(&mut wanted, &self.plan, &self.skeleton, &has));
     }
 
-    /// Finds room for a mesh: in an arena, in a new one within the budget, or by removing what
-    /// has not been drawn for longest.
+    /// Finds room for a mesh: in an arena, in a new one within the budget, or where something is that
+    /// will be wanted later. What was read ahead and finds no room is dropped.
     fn upload(&mut self, gpu: &Gpu, key: (u32, usize), mesh: &GpuMesh) -> Result<(), RenderError> {
+        let for_secs = self.due.get(&key).copied().unwrap_or(-1.0);
         loop {
             for (i, arena) in self.arenas.iter_mut().enumerate() {
                 if let Some(slot) = arena.insert(gpu, mesh, i) {
-                    self.slots.insert(key, Resident { slot, last_used: self.frame });
+                    let resident = Resident { slot, last_used: self.frame, was_drawn: false };
+                    self.slots.insert(key, resident);
                     return Ok(());
                 }
             }
             let arenas = self.arenas.len() as u64;
             let within_budget = (arenas + 1) * self.arena_size.bytes() <= self.limits.gpu_bytes;
-            if arenas == 0 || within_budget || !self.evict_oldest() {
-                let fits = mesh.vertices.len() as u32 <= self.arena_size.vertices
-                    && (mesh.indices.len() / 3) as u32 <= self.arena_size.triangles;
-                if !fits {
-                    return Err(gpu.error(format!("node {} is larger than a buffer may be", key.0)));
+            if arenas > 0 && !within_budget {
+                if self.evict_for(for_secs) {
+                    continue;
                 }
-                self.arenas.push(Arena::new(gpu, self.arena_size));
+                if for_secs >= 0.0 {
+                    return Ok(());
+                }
             }
+            let fits = mesh.vertices.len() as u32 <= self.arena_size.vertices
+                && (mesh.indices.len() / 3) as u32 <= self.arena_size.triangles;
+            if !fits {
+                return Err(gpu.error(format!("node {} is larger than a buffer may be", key.0)));
+            }
+            self.arenas.push(Arena::new(gpu, self.arena_size));
         }
     }
 
-    /// False where everything was drawn in the last frame.
-    fn evict_oldest(&mut self) -> bool {
-        let oldest = self
-            .slots
-            .iter()
-            .filter(|((node, _), r)| *node != 0 && r.last_used + 1 < self.frame)
-            .min_by_key(|(key, r)| (r.last_used, **key))
-            .map(|(key, _)| *key);
-        let Some(resident) = oldest.and_then(|key| self.slots.remove(&key)) else { return false };
+    /// False where nothing makes room for what is wanted in so many seconds.
+    fn evict_for(&mut self, for_secs: f64) -> bool {
+        let resident = self.slots.iter().map(|(key, r)| (*key, r.last_used));
+        let victim = victim(resident, self.frame, &self.due, for_secs);
+        let Some(resident) = victim.and_then(|key| self.slots.remove(&key)) else { return false };
         let arena = resident.slot.arena;
         self.arenas[arena].remove(resident.slot);
         true

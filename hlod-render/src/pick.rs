@@ -3,9 +3,10 @@
 use std::path::Path;
 
 use glam::DVec3;
-use hlod_compress::{HlodFile, NodeRecord, RepresentationKind, decode_mesh};
+use hlod_compress::{NodeRecord, RepresentationKind, decode_mesh};
 
 use crate::error::RenderError;
+use crate::source::open_local;
 
 /// A point on the scan's surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,7 +25,7 @@ pub struct Hit {
 /// When the file cannot be read or is damaged.
 pub fn first_hit(path: &Path, origin: DVec3, direction: DVec3) -> Result<Option<Hit>, RenderError> {
     let format = RenderError::format(path);
-    let file = HlodFile::open(path).map_err(&format)?;
+    let file = open_local(path)?;
     let lattice = file.header().lattice;
     let place = |p: [i32; 3]| DVec3::from_array(lattice.position(p));
 

@@ -12,7 +12,7 @@ use crate::loader::{Part, Ticket};
 use crate::skeleton::{ChildLink, Node, NodeRepresentation, Skeleton};
 
 /// What is asked of the front.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Selection {
     /// Which hierarchy.
     pub kind: RepresentationKind,
@@ -23,17 +23,17 @@ pub struct Selection {
 /// A camera, prepared for tests of boxes in one model's space.
 #[derive(Debug, Clone)]
 pub struct View {
-    view_from_model: DMat4,
+    pub(crate) view_from_model: DMat4,
     clip_from_model: DMat4,
     /// Eye in model space; for parallel projection the direction towards the viewer.
-    eye: DVec3,
-    perspective: bool,
+    pub(crate) eye: DVec3,
+    pub(crate) perspective: bool,
     /// Pixels per unit at depth 1, or per unit at any depth.
-    pixels: f64,
-    near: f64,
-    half_extent: DVec2,
+    pub(crate) pixels: f64,
+    pub(crate) near: f64,
+    pub(crate) half_extent: DVec2,
     /// Scale of model lengths in world space.
-    scale: f64,
+    pub(crate) scale: f64,
 }
 
 impl View {

@@ -1,7 +1,7 @@
 //! Ground truth for shadows: rays against the scan's own triangles, on the processor.
 
 use glam::{DVec2, DVec3, Vec3A};
-use hlod_compress::{HlodFile, RepresentationKind, decode_mesh};
+use hlod_compress::{RepresentationKind, decode_mesh};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use crate::error::RenderError;
 use crate::model::Model;
+use crate::source::open_local;
 
 /// Occlusion of a point from which nothing of the light is seen; `HIDDEN` in `visible.wgsl`.
 pub const HIDDEN: u32 = 65_535;
@@ -67,7 +68,7 @@ impl Tracer {
         let mut triangles = Vec::new();
         for model in models {
             let format = RenderError::format(model.path());
-            let file = HlodFile::open(model.path()).map_err(&format)?;
+            let file = open_local(model.path())?;
             let lattice = file.header().lattice;
             // Where this model is placed, were it not at its own coordinates.
             let own = DVec3::from_array(lattice.origin)

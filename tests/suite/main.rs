@@ -3,7 +3,9 @@
 mod build;
 mod documents;
 mod dust;
+mod network;
 mod pictures;
 mod programs;
 mod restart;
 mod shadows;
+mod streaming;

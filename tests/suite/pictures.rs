@@ -29,7 +29,7 @@ fn ball(n: u32) -> Ball {
     Ball { gpu, models: [model], framing, folder }
 }
 
-fn shot(framing: &Framing, representation: Representation) -> Shot {
+pub fn shot(framing: &Framing, representation: Representation) -> Shot {
     let camera = framing.fitting([0.0, 0.0, 1.0], 1.0, FOV_Y_DEG);
     Shot {
         camera,

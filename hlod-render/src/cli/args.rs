@@ -50,6 +50,9 @@ pub enum Command {
     Shot(ShotArgs),
     /// Measure frame rates along a recorded camera path.
     Bench(BenchArgs),
+    /// Compare policies of loading along a camera path, without drawing: a link of a given bandwidth
+    /// and latency, and what would have been seen.
+    Simulate(SimulateArgs),
     /// Compare what is drawn with the scan itself, pixel by pixel.
     Audit(AuditArgs),
 }
@@ -173,7 +176,7 @@ impl RepresentationArg {
 #[derive(Args)]
 #[cfg(feature = "viewer")]
 pub struct ViewArgs {
-    /// The .hlod file.
+    /// The .hlod file, or its address on a web server, as in https://example.org/statue.hlod.
     pub file: PathBuf,
     /// Size of the window in pixels.
     #[arg(long, value_name = "WxH", default_value = "1280x800", value_parser = size)]
@@ -202,16 +205,24 @@ pub struct MemoryArgs {
     /// At most so much geometry is kept on the GPU, as in 512MiB or 2GB.
     #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = bytes)]
     pub gpu_memory: u64,
+    /// At most so much of the file is kept in memory as it was read.
+    #[arg(long, value_name = "BYTES", default_value = "256MiB", value_parser = bytes)]
+    pub host_memory: u64,
     /// Reading is limited to so much a second, as in 50MB/s.
     #[arg(long, value_name = "BYTES/s", value_parser = bytes)]
     pub io_limit: Option<u64>,
+    /// Read nothing before it is wanted.
+    #[arg(long)]
+    pub no_prefetch: bool,
 }
 
 impl MemoryArgs {
     pub fn limits(&self) -> ModelLimits {
         ModelLimits {
             gpu_bytes: self.gpu_memory,
+            host_bytes: self.host_memory,
             read_bytes_per_sec: self.io_limit.map(|b| b as f64),
+            prefetch: !self.no_prefetch,
             ..ModelLimits::default()
         }
     }
@@ -219,7 +230,7 @@ impl MemoryArgs {
 
 #[derive(Args)]
 pub struct ShotArgs {
-    /// The .hlod file.
+    /// The .hlod file, or its address on a web server.
     pub file: PathBuf,
     /// The PNG file to write; an existing one is replaced.
     #[arg(long, short)]
@@ -261,6 +272,35 @@ pub struct BenchArgs {
     /// Plot frame times to an SVG file.
     #[arg(long, value_name = "SVG")]
     pub plot: Option<PathBuf>,
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+#[derive(Args)]
+pub struct SimulateArgs {
+    /// The .hlod file.
+    pub file: PathBuf,
+    /// A camera path: one of bench-paths/*.json, or one recorded in the window (R).
+    #[arg(long)]
+    pub path: PathBuf,
+    /// Picture size in pixels.
+    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = size)]
+    pub size: (u32, u32),
+    /// Largest error on the screen in pixels (τ).
+    #[arg(long, value_name = "PX", default_value_t = 0.5, value_parser = positive)]
+    pub tau: f64,
+    /// What the link brings in a second.
+    #[arg(long, value_name = "BYTES/s", default_value = "50MB/s", value_parser = bytes)]
+    pub bandwidth: u64,
+    /// Milliseconds from asking to the first byte.
+    #[arg(long, value_name = "MS", default_value_t = 1.0, value_parser = not_negative)]
+    pub latency: f64,
+    /// At most so much geometry is kept.
+    #[arg(long, value_name = "BYTES", default_value = "128MB", value_parser = bytes)]
+    pub cache: u64,
+    /// Frames a second.
+    #[arg(long, value_name = "FPS", default_value_t = 30.0, value_parser = positive)]
+    pub frame_rate: f64,
     #[command(flatten)]
     pub json: JsonArgs,
 }

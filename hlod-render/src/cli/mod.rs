@@ -10,6 +10,7 @@ use std::path::Path;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 
+use hlod_compress::RepresentationKind;
 use hlod_render::audit::{AuditOptions, audit};
 use hlod_render::bench::{BenchOptions, bench};
 use hlod_render::camera::Camera;
@@ -17,9 +18,11 @@ use hlod_render::framing::{FOV_Y_DEG, Framing};
 use hlod_render::path::CameraPath;
 use hlod_render::picture::take;
 use hlod_render::scene::{BACKGROUND, EXACT_THRESHOLDS_PX, Material, Paint, Shot};
+use hlod_render::select::Selection;
+use hlod_render::simulate::{Policy, SimulationOptions, simulate};
 use hlod_render::{Model, ModelLimits};
 
-use args::{AuditArgs, BenchArgs, Cli, Command, DrawArgs, JsonArgs, ShotArgs};
+use args::{AuditArgs, BenchArgs, Cli, Command, DrawArgs, JsonArgs, ShotArgs, SimulateArgs};
 pub use outcome::Failure;
 use outcome::Outcome;
 
@@ -29,6 +32,7 @@ pub fn run(cli: &Cli) -> Outcome {
         Command::View(args) => run_view(cli, args),
         Command::Shot(args) => run_shot(cli, args),
         Command::Bench(args) => run_bench(cli, args),
+        Command::Simulate(args) => run_simulate(cli, args),
         Command::Audit(args) => run_audit(cli, args),
     }
 }
@@ -98,6 +102,26 @@ fn run_bench(cli: &Cli, args: &BenchArgs) -> Outcome {
         report.plot(plot)?;
     }
     print(&args.json, &report, || tables::bench(&report))
+}
+
+fn run_simulate(cli: &Cli, args: &SimulateArgs) -> Outcome {
+    let path = CameraPath::load(&args.path)?;
+    let frames = path.duration_secs * args.frame_rate;
+    if frames > 1e6 {
+        return Err(Failure::Usage(format!("simulate: {frames:.0} frames are too many")));
+    }
+    let options = SimulationOptions {
+        bytes_per_sec: args.bandwidth as f64,
+        latency_secs: args.latency / 1e3,
+        cache_bytes: args.cache,
+        frames_per_sec: args.frame_rate,
+        size: args.size,
+        selection: Selection { kind: RepresentationKind::Appearance, error_threshold_px: args.tau },
+    };
+    let bar = progress_bar(cli.quiet, Policy::ALL.len() as u64, "policies");
+    let report = simulate(&args.file, &path, &options, &mut || bar.inc(1))?;
+    bar.finish_and_clear();
+    print(&args.json, &report, || tables::simulation(&report))
 }
 
 fn run_audit(cli: &Cli, args: &AuditArgs) -> Outcome {

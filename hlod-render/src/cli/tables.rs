@@ -8,6 +8,7 @@ use hlod_render::audit::AuditReport;
 use hlod_render::audit::shadows::EdgeDistance;
 use hlod_render::bench::BenchReport;
 use hlod_render::frame::FrameStats;
+use hlod_render::simulate::SimulationReport;
 
 fn table(rows: &[(&str, String)]) -> String {
     let mut table = Table::new();
@@ -44,7 +45,9 @@ pub fn bench(r: &BenchReport) -> String {
         ("stalled frames", r.stalled_frames.to_string()),
         ("frames coarser than τ", r.frames_over_tau.to_string()),
         ("τ drawn ÷ τ", format!("{:.3}", r.tau_ratio_mean)),
+        ("frames coarser than 2τ, after 2 s", r.frames_over_2tau.to_string()),
         ("read", format!("{:.2} MB", r.bytes_read as f64 / 1e6)),
+        ("… and drawn", format!("{:.2} MB", r.bytes_drawn as f64 / 1e6)),
         ("on the GPU, most", format!("{:.2} MB", r.resident_bytes_max as f64 / 1e6)),
     ];
     format!(
@@ -59,6 +62,42 @@ pub fn bench(r: &BenchReport) -> String {
         if r.cold { " · cold" } else { "" },
         r.adapter,
         table(&rows)
+    )
+}
+
+pub fn simulation(r: &SimulationReport) -> String {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING);
+    table.set_header(["policy", "stalled", "τ drawn ÷ τ", "over 2τ", "read", "of it drawn"]);
+    for p in &r.policies {
+        table.add_row([
+            p.policy.name().to_string(),
+            p.stalled_frames.to_string(),
+            format!("{:.3}", p.tau_ratio_mean),
+            format!(
+                "{:.1} %",
+                100.0 * f64::from(p.frames_over_2tau) / f64::from(p.frames_after_start.max(1))
+            ),
+            format!("{:.1} MB", p.bytes_read as f64 / 1e6),
+            format!("{:.0} %", 100.0 * p.bytes_drawn as f64 / p.bytes_read.max(1) as f64),
+        ]);
+    }
+    for column in 1..6 {
+        if let Some(values) = table.column_mut(column) {
+            values.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    format!(
+        "{} · {} · τ = {} px · {:.1} MB/s, {:.0} ms, {:.0} MB kept, {} frames a second\n{}\n\
+         over 2τ: frames after the first two seconds in which anything was coarser than that",
+        r.file.display(),
+        r.path,
+        r.tau_px,
+        r.bytes_per_sec / 1e6,
+        r.latency_secs * 1e3,
+        r.cache_bytes as f64 / 1e6,
+        r.frames_per_sec,
+        table
     )
 }
 

@@ -39,6 +39,7 @@ use crate::error::RenderError;
 use crate::gpu::AdapterChoice;
 use crate::model::ModelLimits;
 use crate::scene::{Representation, Shadow};
+use crate::source::Source;
 
 /// What a window shows to begin with.
 #[derive(Debug, Clone)]
@@ -73,7 +74,7 @@ pub struct ViewOptions {
 /// screenshot cannot be written.
 pub fn run(options: ViewOptions) -> Result<(), RenderError> {
     // A file that is none is refused before a window flashes up.
-    hlod_compress::HlodFile::open(&options.file).map_err(RenderError::format(&options.file))?;
+    Source::open(&options.file, 0, None)?;
 
     let cannot = |e: winit::error::EventLoopError| RenderError::Window(e.to_string());
     let event_loop = EventLoop::<window::Wake>::with_user_event().build().map_err(cannot)?;

@@ -31,6 +31,8 @@ pub struct Readings {
     pub raised: bool,
     /// Whether something is being read.
     pub loading: bool,
+    /// Why nothing comes from the server at present.
+    pub link_problem: Option<String>,
     /// Bytes of geometry on the GPU.
     pub resident_bytes: u64,
     /// Bytes read from the file.
@@ -262,7 +264,9 @@ fn status_line(ui: &Ui, rect: egui::Rect, readings: &Readings) {
     if readings.flying {
         parts.push("flying (V ends)".to_owned());
     }
-    if readings.loading {
+    if let Some(problem) = &readings.link_problem {
+        parts.push(format!("{problem}; trying again…"));
+    } else if readings.loading {
         parts.push("loading…".to_owned());
     }
     let at = rect.left_bottom() + egui::vec2(8.0, -6.0);

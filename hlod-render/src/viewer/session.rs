@@ -263,6 +263,7 @@ impl Session {
             error_threshold_px: shown,
             raised: shown > self.settings.error_threshold_px * 1.001,
             loading: self.is_loading(),
+            link_problem: self.models[0].link_problem().map(str::to_owned),
             resident_bytes: self.models[0].resident_bytes(),
             bytes_read: self.models[0].bytes_read(),
             parallel: self.navigation.is_parallel(),

@@ -1,0 +1,361 @@
+//! How soon parts will be wanted: the motion needed before, as a time.
+//!
+//! The eye moves and turns no faster than a [`Pace`]. A node is drawn once the frustum meets its
+//! box, its parent is too coarse and it is fine enough itself. Each of these is a distance in view
+//! space that has to change its sign: of the box' corners from a plane of the frustum, or of the
+//! nearest corner from the depth at which an error covers τ pixels.
+//!
+//! Within t seconds the eye is somewhere within v·t of where it was, turned by some angle of at
+//! most φ = ω·t. A corner at a distance d along a direction and l across it is then, along the
+//! turned direction, between d·cos φ − l·sin φ − v·t and d·cos φ + l·sin φ + v·t: turned straight away
+//! from it or towards it. So times are lower bounds, whatever path the eye takes: nothing is
+//! wanted earlier.
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use glam::{DVec3, DVec4};
+use hlod_compress::{BlockRef, RepresentationKind};
+
+use crate::camera::Camera;
+use crate::select::{Selection, View, corners};
+use crate::skeleton::{ChildLink, Node, Skeleton};
+
+/// Nothing is planned for later.
+const FARTHEST_SECS: f64 = 8.0;
+
+/// How fast the eye moves and turns at most.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pace {
+    /// World units a second.
+    pub speed: f64,
+    /// Radians a second.
+    pub turn: f64,
+}
+
+/// A view and how fast it may change.
+#[derive(Debug, Clone)]
+pub struct Need<'a> {
+    view: &'a View,
+    selection: Selection,
+    pace: Pace,
+    /// View space: inside where dot(normal, p) + offset ≥ 0.
+    planes: [DVec4; 5],
+    /// Most that a length covers off the axis, compared with on it.
+    widest: f64,
+}
+
+/// When something will be wanted, at the earliest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Due<T> {
+    /// From now.
+    pub secs: f64,
+    /// What.
+    pub what: T,
+}
+
+/// What will be wanted soonest.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Plan {
+    /// Nodes and their representations, the soonest first.
+    pub pages: Vec<Due<(u32, usize)>>,
+    /// Nodes whose children's block is not loaded.
+    pub blocks: Vec<Due<(u32, BlockRef)>>,
+}
+
+impl<'a> Need<'a> {
+    /// For a view that is selected for in some way.
+    pub fn new(view: &'a View, selection: Selection, pace: Pace) -> Need<'a> {
+        let half = view.half_extent;
+        let planes = if view.perspective {
+            let side = |x: f64, y: f64, z: f64| DVec3::new(x, y, z).normalize().extend(0.0);
+            [
+                side(1.0, 0.0, -half.x),
+                side(-1.0, 0.0, -half.x),
+                side(0.0, 1.0, -half.y),
+                side(0.0, -1.0, -half.y),
+                DVec4::new(0.0, 0.0, -1.0, -view.near),
+            ]
+        } else {
+            [
+                DVec4::new(1.0, 0.0, 0.0, half.x),
+                DVec4::new(-1.0, 0.0, 0.0, half.x),
+                DVec4::new(0.0, 1.0, 0.0, half.y),
+                DVec4::new(0.0, -1.0, 0.0, half.y),
+                // Everything: depth does not count.
+                DVec4::W,
+            ]
+        };
+        let widest = if view.perspective { (1.0 + half.length_squared()).sqrt() } else { 1.0 };
+        Need { view, selection, pace, planes, widest }
+    }
+
+    /// Earliest time at which something may be the case that stays so once it is; infinite where that
+    /// is farther off than anyone plans.
+    fn earliest(&self, may_be: impl Fn(Reach) -> bool) -> f64 {
+        let at = |secs: f64| {
+            let (sin, cos) = (self.pace.turn * secs).min(PI).sin_cos();
+            may_be(Reach {
+                turn: (self.pace.turn * secs).min(PI),
+                sin,
+                cos,
+                moved: self.pace.speed * secs,
+            })
+        };
+        if at(0.0) {
+            return 0.0;
+        }
+        let (mut not_yet, mut maybe) = (0.0, FARTHEST_SECS);
+        if !at(maybe) {
+            return f64::INFINITY;
+        }
+        // To eight milliseconds; the earlier end, so that it is a bound.
+        for _ in 0..10 {
+            let middle = (not_yet + maybe) / 2.0;
+            if at(middle) { maybe = middle } else { not_yet = middle }
+        }
+        not_yet
+    }
+
+    /// When the box may be seen, when the node's error may exceed τ, and when it may no longer.
+    fn times(&self, node: &Node, error: f64) -> Times {
+        let corners =
+            corners(node.min, node.max).map(|c| self.view.view_from_model.transform_point3(c));
+        let parts = |direction: DVec3| corners.map(|c| Parts::of(c, direction));
+        let inside = self.planes.map(|plane| (parts(plane.truncate()), plane.w));
+        let seen = self.earliest(|reach| {
+            // Not all corners are outside of one plane.
+            let meets = |(parts, offset): &([Parts; 8], f64)| {
+                parts.iter().any(|p| reach.most(p) + offset >= 0.0)
+            };
+            inside.iter().all(meets) && self.may_face(node, reach)
+        });
+
+        let error = error * self.view.scale;
+        let tau = self.selection.error_threshold_px;
+        if tau <= 0.0 {
+            return Times { seen, coarse: 0.0, fine: f64::INFINITY };
+        }
+        let pixels = error * self.view.pixels;
+        if !self.view.perspective {
+            let coarse = if pixels > tau { 0.0 } else { f64::INFINITY };
+            let fine = if pixels > tau { f64::INFINITY } else { 0.0 };
+            return Times { seen, coarse, fine };
+        }
+        // Nearer than the first depth ρ may exceed τ, beyond the second it may be below. Nothing is
+        // measured nearer than the near plane.
+        let too_near = error + pixels * self.widest / tau;
+        let far_enough = error + pixels / tau;
+        let depths = parts(DVec3::NEG_Z);
+        let coarse = if too_near < self.view.near {
+            f64::INFINITY
+        } else {
+            self.earliest(|reach| depths.iter().any(|p| reach.least(p) <= too_near))
+        };
+        let fine = if far_enough <= self.view.near {
+            0.0
+        } else {
+            self.earliest(|reach| depths.iter().all(|p| reach.most(p) >= far_enough))
+        };
+        Times { seen, coarse, fine }
+    }
+
+    /// Whether the eye may get to see anything of a node but backs: as [`View::sees_only_backs`], whose
+    /// angles moving can change by so much. Turning on the spot changes none of them.
+    fn may_face(&self, node: &Node, reach: Reach) -> bool {
+        let Some((axis, half_angle)) = node.cone else { return true };
+        let view = self.view;
+        if !view.perspective {
+            let angle = axis.dot(-view.eye).clamp(-1.0, 1.0).acos();
+            return angle + half_angle + reach.turn >= FRAC_PI_2 - 1e-6;
+        }
+        let centre = (node.min + node.max) / 2.0;
+        let radius = (node.max - node.min).length() / 2.0;
+        let (away, moved) = (centre - view.eye, reach.moved / view.scale);
+        let distance = away.length();
+        if distance - moved <= radius {
+            return true;
+        }
+        let angle = (axis.dot(away) / distance).clamp(-1.0, 1.0).acos();
+        let spread = (radius / (distance - moved)).asin() + (moved / distance).min(1.0).asin();
+        angle + half_angle + spread >= FRAC_PI_2 - 1e-6
+    }
+
+    /// What will be wanted within `horizon_secs`, as long as the pages fit into `bytes`; `bytes_of` says
+    /// what a page takes.
+    pub fn plan(
+        &self,
+        skeleton: &Skeleton,
+        horizon_secs: f64,
+        bytes: u64,
+        bytes_of: &dyn Fn(&Node, usize) -> u64,
+    ) -> Plan {
+        let mut plan = Plan::default();
+        let mut left = bytes;
+        let mut soonest = BinaryHeap::from([Soon(Due { secs: 0.0, what: Step::Visit(0) })]);
+        while let Some(Soon(due)) = soonest.pop() {
+            if due.secs > horizon_secs {
+                break;
+            }
+            match due.what {
+                Step::Page(node, representation) => {
+                    let size = bytes_of(&skeleton.nodes()[node as usize], representation);
+                    let Some(rest) = left.checked_sub(size) else { break };
+                    left = rest;
+                    plan.pages.push(Due { secs: due.secs, what: (node, representation) });
+                }
+                Step::Block(node, block) => {
+                    plan.blocks.push(Due { secs: due.secs, what: (node, block) });
+                }
+                Step::Visit(index) => {
+                    let node = &skeleton.nodes()[index as usize];
+                    let Some(r) = node.representation(self.selection.kind) else { continue };
+                    let times = self.times(node, node.representations[r].error);
+                    let seen = due.secs.max(times.seen);
+                    let is_leaf = node.children == ChildLink::None;
+                    let fine = if is_leaf { 0.0 } else { times.fine };
+                    let page = Step::Page(index, r);
+                    soonest.push(Soon(Due { secs: seen.max(fine), what: page }));
+                    let refined = seen.max(times.coarse);
+                    match node.children {
+                        ChildLink::None => {}
+                        ChildLink::Nodes { first, count } => soonest.extend(
+                            (first..first + count)
+                                .map(|c| Soon(Due { secs: refined, what: Step::Visit(c) })),
+                        ),
+                        ChildLink::Unloaded(block) => soonest
+                            .push(Soon(Due { secs: refined, what: Step::Block(index, block) })),
+                    }
+                }
+            }
+        }
+        plan
+    }
+
+    /// Which hierarchy is planned for.
+    pub fn kind(&self) -> RepresentationKind {
+        self.selection.kind
+    }
+}
+
+/// A corner's distance along a direction and across it.
+#[derive(Debug, Clone, Copy)]
+struct Parts {
+    along: f64,
+    across: f64,
+    length: f64,
+    /// From the direction to the corner.
+    angle: f64,
+}
+
+impl Parts {
+    fn of(corner: DVec3, direction: DVec3) -> Parts {
+        let (along, length) = (corner.dot(direction), corner.length());
+        let across = (length * length - along * along).max(0.0).sqrt();
+        Parts { along, across, length, angle: across.atan2(along) }
+    }
+}
+
+/// Where the eye can have got to.
+#[derive(Debug, Clone, Copy)]
+struct Reach {
+    turn: f64,
+    sin: f64,
+    cos: f64,
+    moved: f64,
+}
+
+impl Reach {
+    /// Most that a corner can be along the turned direction.
+    fn most(&self, p: &Parts) -> f64 {
+        let turned = p.along * self.cos + p.across * self.sin;
+        (if self.turn >= p.angle { p.length } else { turned }) + self.moved
+    }
+
+    /// Least that it can be.
+    fn least(&self, p: &Parts) -> f64 {
+        let turned = p.along * self.cos - p.across * self.sin;
+        (if self.turn >= PI - p.angle { -p.length } else { turned }) - self.moved
+    }
+}
+
+struct Times {
+    seen: f64,
+    coarse: f64,
+    fine: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Step {
+    Visit(u32),
+    Page(u32, usize),
+    Block(u32, BlockRef),
+}
+
+impl Step {
+    fn node(&self) -> u32 {
+        match *self {
+            Step::Visit(node) | Step::Page(node, _) | Step::Block(node, _) => node,
+        }
+    }
+}
+
+/// Orders by time, the soonest as the greatest; then by node, so that plans do not depend on chance.
+#[derive(PartialEq)]
+struct Soon(Due<Step>);
+
+impl Eq for Soon {}
+
+impl PartialOrd for Soon {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Soon {
+    fn cmp(&self, other: &Self) -> Ordering {
+        let (a, b) = (&self.0, &other.0);
+        b.secs.total_cmp(&a.secs).then(b.what.node().cmp(&a.what.node()))
+    }
+}
+
+/// Finds the pace of an eye from where it was.
+#[derive(Debug, Clone, Default)]
+pub struct PaceTracker {
+    /// Time, eye and directions of what was seen lately.
+    seen: Vec<(f64, Camera)>,
+}
+
+/// Motions of so long ago still count.
+const REMEMBERED_SECS: f64 = 1.0;
+/// The eye may become so much faster than it was.
+const MARGIN: f64 = 1.5;
+/// What a hand does when it begins: 20° a second.
+const TURN_LEAST: f64 = PI / 9.0;
+/// A statue's height in ten seconds.
+const SPEED_LEAST_HEIGHTS: f64 = 0.1;
+
+impl PaceTracker {
+    /// A camera at a time in seconds; `height` is that of the statue, in world units. Gives how fast the
+    /// eye may be next.
+    pub fn note(&mut self, secs: f64, camera: &Camera, height: f64) -> Pace {
+        self.seen.retain(|(t, _)| *t < secs && secs - t <= REMEMBERED_SECS);
+        let mut pace = Pace { speed: height * SPEED_LEAST_HEIGHTS, turn: TURN_LEAST };
+        // Over a tenth of a second at least: single frames are timed badly.
+        self.seen.push((secs, *camera));
+        for (i, (t, later)) in self.seen.iter().enumerate() {
+            let earlier = self.seen[..i].iter().rev().find(|(s, _)| t - s >= 0.1);
+            let Some((s, earlier)) = earlier else { continue };
+            let secs = t - s;
+            pace.speed = pace.speed.max(MARGIN * later.eye.distance(earlier.eye) / secs);
+            let axes = later.axes().into_iter().zip(earlier.axes());
+            let angle = axes.map(|(a, b)| a.angle_between(b)).fold(0.0, f64::max);
+            pace.turn = pace.turn.max(MARGIN * angle / secs);
+        }
+        pace
+    }
+}
+
+#[cfg(test)]
+mod tests;

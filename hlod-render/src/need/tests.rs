@@ -1,0 +1,154 @@
+use glam::{DMat4, DQuat};
+use hlod_compress::{NormalCone, OctNormal, RepresentationKind};
+use proptest::prelude::*;
+
+use super::*;
+use crate::camera::Projection;
+use crate::select::select;
+use crate::select::tests::tree_of;
+
+const APPEARANCE: RepresentationKind = RepresentationKind::Appearance;
+
+fn camera(eye: DVec3, rotation: DQuat) -> Camera {
+    let projection = Projection::Perspective { fov_y: 0.8 };
+    Camera {
+        eye,
+        target: eye + rotation * DVec3::NEG_Z,
+        up: rotation * DVec3::Y,
+        projection,
+        near: 0.01,
+    }
+}
+
+fn view(camera: &Camera) -> View {
+    View::new(camera, DMat4::IDENTITY, 640, 480)
+}
+
+fn selection(error_threshold_px: f64) -> Selection {
+    Selection { kind: APPEARANCE, error_threshold_px }
+}
+
+fn whole_plan(need: &Need<'_>, skeleton: &Skeleton) -> Plan {
+    need.plan(skeleton, f64::INFINITY, u64::MAX, &|_, _| 1)
+}
+
+fn secs_of(plan: &Plan, node: u32) -> f64 {
+    let due = plan.pages.iter().find(|due| due.what.0 == node);
+    due.map_or(f64::INFINITY, |due| due.secs)
+}
+
+fn direction() -> impl Strategy<Value = DVec3> {
+    prop::array::uniform3(-1.0..1.0f64)
+        .prop_map(DVec3::from_array)
+        .prop_filter("a direction", |v| v.length() > 0.1)
+        .prop_map(DVec3::normalize)
+}
+
+proptest! {
+    /// Whatever path the eye takes within its pace: what it wants at the end was due by then.
+    #[test]
+    fn nothing_is_wanted_before_it_is_due(
+        eye in direction(), distance in 0.5..20.0f64,
+        looks in direction(), turned in 0.0..6.0f64,
+        moves in direction(), turns in direction(),
+        speed in 0.0..3.0f64, turn in 0.0..2.0f64, secs in 0.0..2.0f64,
+        tau in 0.2..20.0f64, axis in direction(), cosine in -0.2..1.0f32,
+    ) {
+        let axis = OctNormal::encode(axis.as_vec3().to_array());
+        let skeleton = tree_of(3, NormalCone { axis, cosine }, APPEARANCE);
+        let eye = eye * distance;
+        let rotation = DQuat::from_axis_angle(looks, turned);
+        let before = view(&camera(eye, rotation));
+        let need = Need::new(&before, selection(tau), Pace { speed, turn });
+        let plan = whole_plan(&need, &skeleton);
+        let rotation = DQuat::from_axis_angle(turns, turn * secs) * rotation;
+        let after = view(&camera(eye + moves * speed * secs, rotation));
+        for draw in select(&skeleton, &after, selection(tau), &|_, _| true).draws {
+            let due = secs_of(&plan, draw.node);
+            prop_assert!(due <= secs + 1e-9, "node {} after {secs} s, due after {due}", draw.node);
+        }
+    }
+
+    #[test]
+    fn plans_are_in_order_and_within_limits(
+        eye in direction(), distance in 0.5..20.0f64, bytes in 0u64..300, horizon in 0.0..5.0f64,
+    ) {
+        let skeleton = tree_of(3, NormalCone::ALL, APPEARANCE);
+        let view = view(&camera(eye * distance, DQuat::IDENTITY));
+        let need = Need::new(&view, selection(1.0), Pace { speed: 1.0, turn: 1.0 });
+        let plan = need.plan(&skeleton, horizon, bytes, &|_, _| 10);
+        prop_assert!(plan.pages.len() as u64 * 10 <= bytes);
+        prop_assert!(plan.pages.windows(2).all(|w| w[0].secs <= w[1].secs));
+        prop_assert!(plan.pages.iter().all(|due| due.secs <= horizon));
+        let all = whole_plan(&need, &skeleton);
+        prop_assert_eq!(&all.pages[..plan.pages.len()], &plan.pages[..]);
+    }
+}
+
+/// Straight towards a node, without turning: due when the parent's error covers τ pixels.
+#[test]
+fn an_approach_is_due_when_it_is() {
+    let skeleton = tree_of(1, NormalCone::ALL, APPEARANCE);
+    let eye = DVec3::new(0.0, 0.0, 9.0);
+    let view = view(&camera(eye, DQuat::IDENTITY));
+    let need = Need::new(&view, selection(12.0), Pace { speed: 2.0, turn: 0.0 });
+    let root = &skeleton.nodes()[0];
+    let error = root.representations[0].error;
+    let mut due = 0.0;
+    // The nearest corner is at a depth of 8, and moves by 2 a second.
+    let secs = secs_of(&whole_plan(&need, &skeleton), 1);
+    for step in 0..4_000 {
+        due = f64::from(step) * 1e-3;
+        let later = View::new(
+            &camera(eye - DVec3::Z * 2.0 * due, DQuat::IDENTITY),
+            DMat4::IDENTITY,
+            640,
+            480,
+        );
+        if later.error_px(error, root.min, root.max) > 12.0 {
+            break;
+        }
+    }
+    assert!(due > 1.0 && secs <= due, "{secs} {due}");
+    // What is given away is the picture's corner: 12 % of the depth.
+    assert!(secs > due - 0.5, "{secs} {due}");
+}
+
+#[test]
+fn what_is_behind_is_due_later_the_farther_it_is_round() {
+    let skeleton = tree_of(2, NormalCone::ALL, APPEARANCE);
+    let due = |angle: f64| {
+        let rotation = DQuat::from_rotation_y(angle);
+        let view = view(&camera(DVec3::new(0.0, 0.0, 8.0), rotation));
+        let need = Need::new(&view, selection(1.0), Pace { speed: 0.0, turn: 1.0 });
+        // The first of the leaves.
+        secs_of(&whole_plan(&need, &skeleton), 9)
+    };
+    assert_eq!(due(0.0), 0.0);
+    let times = [0.8, 1.2, 1.6].map(due);
+    assert!(times[0] > 0.1 && times[0] < times[1] && times[1] < times[2], "{times:?}");
+    // The statue's edge and the picture's are nearer to each other than their middles.
+    assert!(times[2] > 0.9 && times[2] < 1.6, "{times:?}");
+    // Who never moves will never want more.
+    let ahead = view(&camera(DVec3::Z * 8.0, DQuat::from_rotation_y(1.6)));
+    let still = Need::new(&ahead, selection(1.0), Pace { speed: 0.0, turn: 0.0 });
+    assert!(whole_plan(&still, &skeleton).pages.iter().all(|due| due.secs == f64::INFINITY));
+}
+
+#[test]
+fn paces_follow_the_eye() {
+    let mut tracker = PaceTracker::default();
+    let mut pace = Pace { speed: 0.0, turn: 0.0 };
+    for i in 0..30 {
+        let secs = f64::from(i) / 20.0;
+        let at = camera(DVec3::new(4.0 * secs, 0.0, 9.0), DQuat::from_rotation_y(2.0 * secs));
+        pace = tracker.note(secs, &at, 1.0);
+    }
+    assert!((pace.speed - 6.0).abs() < 1e-6 && (pace.turn - 3.0).abs() < 1e-6, "{pace:?}");
+    // At rest it falls back to what hands do.
+    for i in 30..70 {
+        let secs = f64::from(i) / 20.0;
+        pace = tracker.note(secs, &camera(DVec3::new(6.0, 0.0, 9.0), DQuat::IDENTITY), 1.0);
+    }
+    assert_eq!(pace, Pace { speed: SPEED_LEAST_HEIGHTS, turn: TURN_LEAST });
+}

@@ -1,0 +1,96 @@
+//! Which parts are asked for, and which pages make room: one policy for what is drawn
+//! ([`crate::Model`]) and for what is only simulated ([`crate::simulate`]).
+
+use std::collections::{HashMap, HashSet};
+
+use crate::loader::{Part, Ticket};
+use crate::need::Plan;
+use crate::select::{Wanted, block_ticket, page_ticket};
+use crate::skeleton::Skeleton;
+
+/// A node and one of its representations.
+pub type Page = (u32, usize);
+
+/// So long before pages are wanted they are asked for, unless memory is short: what a slow disk or a
+/// link needs for some megabytes. A longer time reads more that is never drawn.
+pub const HORIZON_SECS: f64 = 1.0;
+
+/// When pages will be wanted; what is not there is not expected.
+pub type DueTimes = HashMap<Page, f64>;
+
+/// Due times of a plan's pages.
+pub fn due_times(plan: &Plan) -> DueTimes {
+    plan.pages.iter().map(|due| (due.what, due.secs)).collect()
+}
+
+/// Everything to ask for, the most urgent first: what frames lack, in their order, then what will be
+/// wanted, the earliest first. `has` says what is here already or must not be asked for again.
+pub fn requests(
+    wanted: &mut [&Wanted],
+    plan: &Plan,
+    skeleton: &Skeleton,
+    has: &dyn Fn(Ticket) -> bool,
+) -> Vec<(Ticket, Part)> {
+    wanted.sort_by(|a, b| b.urgency.total_cmp(&a.urgency).then(a.ticket.cmp(&b.ticket)));
+    let pages = plan.pages.iter().map(|due| {
+        let (node, representation) = due.what;
+        let of = &skeleton.nodes()[node as usize];
+        let r = of.representations[representation];
+        (due.secs, page_ticket(node, representation), Part::Page(r.page, of.cell, r.kind))
+    });
+    let blocks = plan.blocks.iter().map(|due| {
+        let (node, block) = due.what;
+        (due.secs, block_ticket(node), Part::Block(block))
+    });
+    let mut planned: Vec<(f64, Ticket, Part)> = pages.chain(blocks).collect();
+    planned.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let mut asked = HashSet::new();
+    let wanted = wanted.iter().map(|w| (w.ticket, w.part));
+    wanted
+        .chain(planned.into_iter().map(|(_, ticket, part)| (ticket, part)))
+        .filter(|(ticket, _)| !has(*ticket) && asked.insert(*ticket))
+        .collect()
+}
+
+/// The page that makes room for one that is wanted in `for_secs`: of those that the last frame did not
+/// draw the one that will be wanted last, or was drawn the longest ago. `None` where all are wanted
+/// sooner. The root stays: there is always something to draw.
+pub fn victim(
+    resident: impl Iterator<Item = (Page, u64)>,
+    frame: u64,
+    due: &DueTimes,
+    for_secs: f64,
+) -> Option<Page> {
+    let due_of = |page: &Page| due.get(page).copied().unwrap_or(f64::INFINITY);
+    resident
+        .filter(|(page, last_used)| page.0 != 0 && last_used + 1 < frame)
+        .filter(|(page, _)| due_of(page) > for_secs)
+        .min_by(|(a, used_a), (b, used_b)| {
+            due_of(b).total_cmp(&due_of(a)).then(used_a.cmp(used_b)).then(a.cmp(b))
+        })
+        .map(|(page, _)| page)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_wanted_last_makes_room() {
+        let due = DueTimes::from([((1, 0), 0.5), ((2, 0), 2.0), ((3, 0), 0.0)]);
+        let resident =
+            [((0, 0), 1), ((1, 0), 5), ((2, 0), 5), ((3, 0), 9), ((4, 0), 6), ((5, 0), 4)];
+        let choose = |without: &[u32], for_secs| {
+            let left = resident.into_iter().filter(|(page, _)| !without.contains(&page.0));
+            victim(left, 10, &due, for_secs).map(|page| page.0)
+        };
+        // Unexpected ones first, the oldest of them before the others; then the latest due.
+        assert_eq!(choose(&[], -1.0), Some(5));
+        assert_eq!(choose(&[5], -1.0), Some(4));
+        assert_eq!(choose(&[5, 4], -1.0), Some(2));
+        assert_eq!(choose(&[5, 4, 2], -1.0), Some(1));
+        // Not for a page that is wanted later; never what was just drawn, nor the root.
+        assert_eq!(choose(&[5, 4, 2], 0.7), None);
+        assert_eq!(choose(&[5, 4, 2, 1], -1.0), None);
+    }
+}

@@ -1,0 +1,225 @@
+//! Where a file's bytes come from: a disk or a web server.
+//!
+//! Of a server nothing is asked but ranges of one file (RFC 9110, section 14), which any static web
+//! server gives. What was read is kept in memory, and of servers on disk as well.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use hlod_compress::{BlockRef, FormatError, Header, HlodFile, PageRef, SkeletonBlock};
+
+use crate::error::RenderError;
+
+mod disk_cache;
+mod http;
+
+use http::HttpFile;
+
+/// Opens a file whose leaves are needed, all of them or some at once.
+///
+/// # Errors
+/// When it is on a server, or cannot be used.
+pub fn open_local(path: &Path) -> Result<HlodFile, RenderError> {
+    if is_address(path) {
+        let path = path.display();
+        return Err(RenderError::Usage(format!("{path}: this needs the file itself: download it")));
+    }
+    HlodFile::open(path).map_err(RenderError::format(path))
+}
+
+/// A file that parts are read from, by any number of threads.
+pub struct Source {
+    bytes: Bytes,
+    kept: Mutex<Kept>,
+}
+
+enum Bytes {
+    Disk(HlodFile),
+    Server(Box<HttpFile>),
+}
+
+/// Whether a path is the address of a file on a server.
+pub fn is_address(path: &Path) -> bool {
+    path.to_str().is_some_and(|p| p.starts_with("http://") || p.starts_with("https://"))
+}
+
+impl Source {
+    /// Opens a file, or one on a server where the path is its address; keeps at most so many bytes of
+    /// it in memory, and what a server sent in a folder, if there is one.
+    ///
+    /// # Errors
+    /// When it cannot be read, is not an `.hlod` file, or the server gives no ranges.
+    pub fn open(path: &Path, keep_bytes: u64, cache: Option<&Path>) -> Result<Source, RenderError> {
+        let format = RenderError::format(path);
+        let bytes = match path.to_str() {
+            Some(address) if is_address(path) => {
+                Bytes::Server(Box::new(HttpFile::open(address, cache).map_err(format)?))
+            }
+            _ => Bytes::Disk(HlodFile::open(path).map_err(format)?),
+        };
+        Ok(Source { bytes, kept: Mutex::new(Kept::new(keep_bytes)) })
+    }
+
+    /// The file's header.
+    pub fn header(&self) -> &Header {
+        match &self.bytes {
+            Bytes::Disk(file) => file.header(),
+            Bytes::Server(file) => file.header(),
+        }
+    }
+
+    /// How many reads should be under way: on a server they wait for each other's answers.
+    pub fn readers(&self) -> usize {
+        match self.bytes {
+            Bytes::Disk(_) => 2,
+            Bytes::Server(_) => 6,
+        }
+    }
+
+    /// Reads bytes that must lie within the file; and how many had to be read for it, which are none
+    /// where they were kept.
+    ///
+    /// # Errors
+    /// When they do not, or reading fails.
+    pub fn read(
+        &self,
+        what: &'static str,
+        offset: u64,
+        count: u32,
+    ) -> Result<(Vec<u8>, u64), FormatError> {
+        if let Some(bytes) = self.kept.lock().ok().and_then(|mut kept| kept.get(offset, count)) {
+            return Ok((bytes, 0));
+        }
+        let bytes = match &self.bytes {
+            Bytes::Disk(file) => file.read_range(what, offset, count)?,
+            Bytes::Server(file) => file.read_range(what, offset, count)?,
+        };
+        if let Ok(mut kept) = self.kept.lock() {
+            kept.put(offset, &bytes);
+        }
+        Ok((bytes, u64::from(count)))
+    }
+
+    /// Reads and checks a skeleton block.
+    ///
+    /// # Errors
+    /// When it cannot be read or is damaged.
+    pub fn read_block(&self, block: BlockRef) -> Result<SkeletonBlock, FormatError> {
+        let (bytes, _) = self.read("skeleton block", block.offset, block.block_bytes)?;
+        SkeletonBlock::parse(&bytes, block).inspect_err(|_| self.forget(block.offset))
+    }
+
+    /// Reads and checks a page.
+    ///
+    /// # Errors
+    /// When it cannot be read or is damaged.
+    pub fn read_page(&self, page: PageRef) -> Result<Vec<u8>, FormatError> {
+        let (bytes, _) = self.read("page", page.offset, page.page_bytes)?;
+        page.check(&bytes).inspect_err(|_| self.forget(page.offset))?;
+        Ok(bytes)
+    }
+
+    /// What is wrong is not kept.
+    pub fn forget(&self, offset: u64) {
+        if let Ok(mut kept) = self.kept.lock() {
+            kept.remove(offset);
+        }
+        if let Bytes::Server(file) = &self.bytes {
+            file.forget(offset);
+        }
+    }
+}
+
+/// Parts of the file in memory, as they are in it; those used the longest ago make room.
+struct Kept {
+    limit: u64,
+    bytes: u64,
+    /// By offset, with when they were used last.
+    parts: HashMap<u64, (Vec<u8>, u64)>,
+    /// Offsets by when they were used last.
+    used: BTreeMap<u64, u64>,
+    uses: u64,
+}
+
+impl Kept {
+    fn new(limit: u64) -> Kept {
+        Kept { limit, bytes: 0, parts: HashMap::new(), used: BTreeMap::new(), uses: 0 }
+    }
+
+    fn get(&mut self, offset: u64, count: u32) -> Option<Vec<u8>> {
+        let (bytes, used) = self.parts.get_mut(&offset).filter(|p| p.0.len() == count as usize)?;
+        self.uses += 1;
+        self.used.remove(used);
+        *used = self.uses;
+        self.used.insert(self.uses, offset);
+        Some(bytes.clone())
+    }
+
+    fn put(&mut self, offset: u64, bytes: &[u8]) {
+        let length = bytes.len() as u64;
+        if length > self.limit {
+            return;
+        }
+        self.remove(offset);
+        while self.bytes + length > self.limit {
+            let Some((_, oldest)) = self.used.pop_first() else { return };
+            if let Some((bytes, _)) = self.parts.remove(&oldest) {
+                self.bytes -= bytes.len() as u64;
+            }
+        }
+        self.uses += 1;
+        self.bytes += length;
+        self.parts.insert(offset, (bytes.to_vec(), self.uses));
+        self.used.insert(self.uses, offset);
+    }
+
+    fn remove(&mut self, offset: u64) {
+        if let Some((bytes, used)) = self.parts.remove(&offset) {
+            self.bytes -= bytes.len() as u64;
+            self.used.remove(&used);
+        }
+    }
+}
+
+/// The folder for what servers sent: `HLOD_CACHE_DIR`, or `hlod` in the user's cache folder. `None`
+/// where there is none, and where the variable is empty.
+pub fn cache_folder() -> Option<PathBuf> {
+    if let Some(chosen) = std::env::var_os("HLOD_CACHE_DIR") {
+        return (!chosen.is_empty()).then(|| chosen.into());
+    }
+    let user = if cfg!(windows) {
+        std::env::var_os("LOCALAPPDATA").map(PathBuf::from)
+    } else if cfg!(target_os = "macos") {
+        std::env::var_os("HOME").map(|home| Path::new(&home).join("Library/Caches"))
+    } else {
+        std::env::var_os("XDG_CACHE_HOME")
+            .map(PathBuf::from)
+            .or_else(|| std::env::var_os("HOME").map(|home| Path::new(&home).join(".cache")))
+    };
+    user.map(|folder| folder.join("hlod"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// What is kept is what was put, within the limit, and the last used is among it.
+        #[test]
+        fn memory_keeps_to_its_limit(parts in prop::collection::vec((0u64..20, 1usize..40), 1..200)) {
+            let mut kept = Kept::new(100);
+            for (offset, length) in parts {
+                let bytes = vec![offset as u8; length];
+                if kept.get(offset, length as u32).is_none() {
+                    kept.put(offset, &bytes);
+                }
+                prop_assert_eq!(kept.get(offset, length as u32), Some(bytes));
+                let sum: usize = kept.parts.values().map(|p| p.0.len()).sum();
+                prop_assert!(sum <= 100 && sum as u64 == kept.bytes);
+                prop_assert_eq!(kept.used.len(), kept.parts.len());
+            }
+        }
+    }
+}
