@@ -5,11 +5,11 @@
 //! space that has to change its sign: of the box' corners from a plane of the frustum, or of the
 //! nearest corner from the depth at which an error covers τ pixels.
 //!
-//! Within t seconds the eye is somewhere within v·t of where it was, turned by some angle of at
-//! most φ = ω·t. A corner at a distance d along a direction and l across it is then, along the
-//! turned direction, between d·cos φ − l·sin φ − v·t and d·cos φ + l·sin φ + v·t: turned straight away
-//! from it or towards it. So times are lower bounds, whatever path the eye takes: nothing is
-//! wanted earlier.
+//! After t seconds the eye is within s·t of where its velocity v brings it, turned by some angle of at
+//! most φ = ω·t. What is d along a direction and l across it is, along the turned direction, between
+//! d·cos φ − l·sin φ and d·cos φ + l·sin φ: turned straight away from it or towards it. That holds for
+//! corners as for v·t, and s·t comes on top. So times are lower bounds, whatever path the eye takes
+//! within its pace: nothing is wanted earlier.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -25,12 +25,14 @@ use crate::skeleton::{ChildLink, Node, Skeleton};
 /// Nothing is planned for later.
 const FARTHEST_SECS: f64 = 8.0;
 
-/// How fast the eye moves and turns at most.
+/// How the eye moves and turns: on as it did, and otherwise by no more than something.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pace {
-    /// World units a second.
-    pub speed: f64,
-    /// Radians a second.
+    /// How it moved lately: view space, world units a second.
+    pub velocity: DVec3,
+    /// By how much it may move otherwise: world units a second.
+    pub spread: f64,
+    /// Radians a second at most.
     pub turn: f64,
 }
 
@@ -42,8 +44,8 @@ pub struct Need<'a> {
     pace: Pace,
     /// View space: inside where dot(normal, p) + offset ≥ 0.
     planes: [DVec4; 5],
-    /// Most that a length covers off the axis, compared with on it.
-    widest: f64,
+    /// Of the picture's corner, off the axis.
+    corner_angle: f64,
 }
 
 /// When something will be wanted, at the earliest.
@@ -87,8 +89,7 @@ impl<'a> Need<'a> {
                 DVec4::W,
             ]
         };
-        let widest = if view.perspective { (1.0 + half.length_squared()).sqrt() } else { 1.0 };
-        Need { view, selection, pace, planes, widest }
+        Need { view, selection, pace, planes, corner_angle: half.length().atan() }
     }
 
     /// Earliest time at which something may be the case that stays so once it is; infinite where that
@@ -96,12 +97,9 @@ impl<'a> Need<'a> {
     fn earliest(&self, may_be: impl Fn(Reach) -> bool) -> f64 {
         let at = |secs: f64| {
             let (sin, cos) = (self.pace.turn * secs).min(PI).sin_cos();
-            may_be(Reach {
-                turn: (self.pace.turn * secs).min(PI),
-                sin,
-                cos,
-                moved: self.pace.speed * secs,
-            })
+            let (velocity, spread) = (self.pace.velocity, self.pace.spread * secs);
+            let turn = (self.pace.turn * secs).min(PI);
+            may_be(Reach { turn, sin, cos, secs, spread, moved: velocity.length() * secs + spread })
         };
         if at(0.0) {
             return 0.0;
@@ -122,11 +120,15 @@ impl<'a> Need<'a> {
     fn times(&self, node: &Node, error: f64) -> Times {
         let corners =
             corners(node.min, node.max).map(|c| self.view.view_from_model.transform_point3(c));
-        let parts = |direction: DVec3| corners.map(|c| Parts::of(c, direction));
+        // Corners and how fast they come towards the eye's plane, along a direction.
+        let parts = |direction: DVec3| {
+            (corners.map(|c| Parts::of(c, direction)), Parts::of(-self.pace.velocity, direction))
+        };
         let inside = self.planes.map(|plane| (parts(plane.truncate()), plane.w));
         let seen = self.earliest(|reach| {
             // Not all corners are outside of one plane.
-            let meets = |(parts, offset): &([Parts; 8], f64)| {
+            let meets = |((parts, drift), offset): &(([Parts; 8], Parts), f64)| {
+                let offset = offset + reach.most_moved(drift);
                 parts.iter().any(|p| reach.most(p) + offset >= 0.0)
             };
             inside.iter().all(meets) && self.may_face(node, reach)
@@ -143,20 +145,30 @@ impl<'a> Need<'a> {
             let fine = if pixels > tau { f64::INFINITY } else { 0.0 };
             return Times { seen, coarse, fine };
         }
-        // Nearer than the first depth ρ may exceed τ, beyond the second it may be below. Nothing is
-        // measured nearer than the near plane.
-        let too_near = error + pixels * self.widest / tau;
-        let far_enough = error + pixels / tau;
-        let depths = parts(DVec3::NEG_Z);
-        let coarse = if too_near < self.view.near {
+        // ρ grows with the angle of the corner that is farthest off the axis, up to the picture's own.
+        let (depths, drift) = parts(DVec3::NEG_Z);
+        let widest = depths.iter().map(|p| p.angle).fold(0.0, f64::max);
+        let shortest = depths.iter().map(|p| p.length).fold(f64::INFINITY, f64::min);
+        let turned = |reach: Reach| reach.turn + (reach.moved / shortest).min(1.0).asin();
+        let stretch = |angle: f64| 1.0 / angle.clamp(0.0, self.corner_angle).cos();
+        // Nothing is measured nearer than the near plane.
+        let coarse = if error + pixels * stretch(self.corner_angle) / tau < self.view.near {
             f64::INFINITY
         } else {
-            self.earliest(|reach| depths.iter().any(|p| reach.least(p) <= too_near))
+            self.earliest(|reach| {
+                let moved = reach.least_moved(&drift);
+                let too_near = error + pixels * stretch(widest + turned(reach)) / tau;
+                depths.iter().any(|p| reach.least(p) + moved <= too_near)
+            })
         };
-        let fine = if far_enough <= self.view.near {
+        let fine = if error + pixels / tau <= self.view.near {
             0.0
         } else {
-            self.earliest(|reach| depths.iter().all(|p| reach.most(p) >= far_enough))
+            self.earliest(|reach| {
+                let moved = reach.most_moved(&drift);
+                let far_enough = error + pixels * stretch(widest - turned(reach)) / tau;
+                depths.iter().all(|p| reach.most(p) + moved >= far_enough)
+            })
         };
         Times { seen, coarse, fine }
     }
@@ -260,23 +272,37 @@ impl Parts {
 /// Where the eye can have got to.
 #[derive(Debug, Clone, Copy)]
 struct Reach {
+    secs: f64,
     turn: f64,
     sin: f64,
     cos: f64,
+    /// How far from where its velocity brings it.
+    spread: f64,
+    /// How far from where it is.
     moved: f64,
 }
 
 impl Reach {
-    /// Most that a corner can be along the turned direction.
+    /// Most that something can be along the turned direction.
     fn most(&self, p: &Parts) -> f64 {
         let turned = p.along * self.cos + p.across * self.sin;
-        (if self.turn >= p.angle { p.length } else { turned }) + self.moved
+        if self.turn >= p.angle { p.length } else { turned }
     }
 
     /// Least that it can be.
     fn least(&self, p: &Parts) -> f64 {
         let turned = p.along * self.cos - p.across * self.sin;
-        (if self.turn >= PI - p.angle { -p.length } else { turned }) - self.moved
+        if self.turn >= PI - p.angle { -p.length } else { turned }
+    }
+
+    /// Most that moving adds to it.
+    fn most_moved(&self, drift: &Parts) -> f64 {
+        self.most(drift) * self.secs + self.spread
+    }
+
+    /// Least that moving adds to it.
+    fn least_moved(&self, drift: &Parts) -> f64 {
+        self.least(drift) * self.secs - self.spread
     }
 }
 
@@ -329,31 +355,38 @@ pub struct PaceTracker {
 
 /// Motions of so long ago still count.
 const REMEMBERED_SECS: f64 = 1.0;
-/// The eye may become so much faster than it was.
+/// Velocities are taken over so long: single frames are timed badly.
+const STEP_SECS: f64 = 0.1;
+/// The eye may turn so much faster than it did.
 const MARGIN: f64 = 1.5;
 /// What a hand does when it begins: 20° a second.
 const TURN_LEAST: f64 = PI / 9.0;
 /// A statue's height in ten seconds.
-const SPEED_LEAST_HEIGHTS: f64 = 0.1;
+const SPREAD_LEAST_HEIGHTS: f64 = 0.1;
 
 impl PaceTracker {
-    /// A camera at a time in seconds; `height` is that of the statue, in world units. Gives how fast the
-    /// eye may be next.
+    /// A camera at a time in seconds; `height` is that of the statue, in world units. Gives how the eye
+    /// may go on: as it does, by as much otherwise as it did otherwise within the last second.
     pub fn note(&mut self, secs: f64, camera: &Camera, height: f64) -> Pace {
         self.seen.retain(|(t, _)| *t < secs && secs - t <= REMEMBERED_SECS);
-        let mut pace = Pace { speed: height * SPEED_LEAST_HEIGHTS, turn: TURN_LEAST };
-        // Over a tenth of a second at least: single frames are timed badly.
         self.seen.push((secs, *camera));
+        let mut turn = TURN_LEAST;
+        // World space, the newest last.
+        let mut velocities: Vec<DVec3> = Vec::new();
         for (i, (t, later)) in self.seen.iter().enumerate() {
-            let earlier = self.seen[..i].iter().rev().find(|(s, _)| t - s >= 0.1);
+            let earlier = self.seen[..i].iter().rev().find(|(s, _)| t - s >= STEP_SECS);
             let Some((s, earlier)) = earlier else { continue };
-            let secs = t - s;
-            pace.speed = pace.speed.max(MARGIN * later.eye.distance(earlier.eye) / secs);
+            velocities.push((later.eye - earlier.eye) / (t - s));
             let axes = later.axes().into_iter().zip(earlier.axes());
             let angle = axes.map(|(a, b)| a.angle_between(b)).fold(0.0, f64::max);
-            pace.turn = pace.turn.max(MARGIN * angle / secs);
+            turn = turn.max(MARGIN * angle / (t - s));
         }
-        pace
+        let velocity = velocities.last().copied().unwrap_or_default();
+        let otherwise = velocities.iter().map(|v| v.distance(velocity)).fold(0.0, f64::max);
+        let spread = (height * SPREAD_LEAST_HEIGHTS).max(otherwise).max(velocity.length() / 4.0);
+        let [right, up, back] = camera.axes();
+        let velocity = DVec3::new(velocity.dot(right), velocity.dot(up), velocity.dot(back));
+        Pace { velocity, spread, turn }
     }
 }
 

@@ -50,8 +50,8 @@ proptest! {
     fn nothing_is_wanted_before_it_is_due(
         eye in direction(), distance in 0.5..20.0f64,
         looks in direction(), turned in 0.0..6.0f64,
-        moves in direction(), turns in direction(),
-        speed in 0.0..3.0f64, turn in 0.0..2.0f64, secs in 0.0..2.0f64,
+        goes in direction(), moves in direction(), turns in direction(),
+        speed in 0.0..3.0f64, spread in 0.0..2.0f64, turn in 0.0..2.0f64, secs in 0.0..2.0f64,
         tau in 0.2..20.0f64, axis in direction(), cosine in -0.2..1.0f32,
     ) {
         let axis = OctNormal::encode(axis.as_vec3().to_array());
@@ -59,10 +59,12 @@ proptest! {
         let eye = eye * distance;
         let rotation = DQuat::from_axis_angle(looks, turned);
         let before = view(&camera(eye, rotation));
-        let need = Need::new(&before, selection(tau), Pace { speed, turn });
+        let velocity = rotation.inverse() * goes * speed;
+        let need = Need::new(&before, selection(tau), Pace { velocity, spread, turn });
         let plan = whole_plan(&need, &skeleton);
+        let eye = eye + (goes * speed + moves * spread) * secs;
         let rotation = DQuat::from_axis_angle(turns, turn * secs) * rotation;
-        let after = view(&camera(eye + moves * speed * secs, rotation));
+        let after = view(&camera(eye, rotation));
         for draw in select(&skeleton, &after, selection(tau), &|_, _| true).draws {
             let due = secs_of(&plan, draw.node);
             prop_assert!(due <= secs + 1e-9, "node {} after {secs} s, due after {due}", draw.node);
@@ -75,7 +77,7 @@ proptest! {
     ) {
         let skeleton = tree_of(3, NormalCone::ALL, APPEARANCE);
         let view = view(&camera(eye * distance, DQuat::IDENTITY));
-        let need = Need::new(&view, selection(1.0), Pace { speed: 1.0, turn: 1.0 });
+        let need = Need::new(&view, selection(1.0), Pace { velocity: DVec3::X, spread: 1.0, turn: 1.0 });
         let plan = need.plan(&skeleton, horizon, bytes, &|_, _| 10);
         prop_assert!(plan.pages.len() as u64 * 10 <= bytes);
         prop_assert!(plan.pages.windows(2).all(|w| w[0].secs <= w[1].secs));
@@ -91,7 +93,11 @@ fn an_approach_is_due_when_it_is() {
     let skeleton = tree_of(1, NormalCone::ALL, APPEARANCE);
     let eye = DVec3::new(0.0, 0.0, 9.0);
     let view = view(&camera(eye, DQuat::IDENTITY));
-    let need = Need::new(&view, selection(12.0), Pace { speed: 2.0, turn: 0.0 });
+    let need = Need::new(
+        &view,
+        selection(12.0),
+        Pace { velocity: DVec3::Z * -1.5, spread: 0.5, turn: 0.0 },
+    );
     let root = &skeleton.nodes()[0];
     let error = root.representations[0].error;
     let mut due = 0.0;
@@ -120,7 +126,11 @@ fn what_is_behind_is_due_later_the_farther_it_is_round() {
     let due = |angle: f64| {
         let rotation = DQuat::from_rotation_y(angle);
         let view = view(&camera(DVec3::new(0.0, 0.0, 8.0), rotation));
-        let need = Need::new(&view, selection(1.0), Pace { speed: 0.0, turn: 1.0 });
+        let need = Need::new(
+            &view,
+            selection(1.0),
+            Pace { velocity: DVec3::ZERO, spread: 0.0, turn: 1.0 },
+        );
         // The first of the leaves.
         secs_of(&whole_plan(&need, &skeleton), 9)
     };
@@ -131,24 +141,45 @@ fn what_is_behind_is_due_later_the_farther_it_is_round() {
     assert!(times[2] > 0.9 && times[2] < 1.6, "{times:?}");
     // Who never moves will never want more.
     let ahead = view(&camera(DVec3::Z * 8.0, DQuat::from_rotation_y(1.6)));
-    let still = Need::new(&ahead, selection(1.0), Pace { speed: 0.0, turn: 0.0 });
+    let still =
+        Need::new(&ahead, selection(1.0), Pace { velocity: DVec3::ZERO, spread: 0.0, turn: 0.0 });
     assert!(whole_plan(&still, &skeleton).pages.iter().all(|due| due.secs == f64::INFINITY));
+}
+
+/// Who moves away does not come near.
+#[test]
+fn directions_count() {
+    let skeleton = tree_of(1, NormalCone::ALL, APPEARANCE);
+    let view = view(&camera(DVec3::new(0.0, 0.0, 9.0), DQuat::IDENTITY));
+    let due = |velocity| {
+        let pace = Pace { velocity, spread: 0.1, turn: 0.0 };
+        secs_of(&whole_plan(&Need::new(&view, selection(12.0), pace), &skeleton), 1)
+    };
+    let (towards, across, away) = (due(DVec3::NEG_Z), due(DVec3::X), due(DVec3::Z));
+    assert!(towards < 3.0 && across > 7.0 && away == f64::INFINITY, "{towards} {across} {away}");
 }
 
 #[test]
 fn paces_follow_the_eye() {
     let mut tracker = PaceTracker::default();
-    let mut pace = Pace { speed: 0.0, turn: 0.0 };
+    let still = Pace { velocity: DVec3::ZERO, spread: SPREAD_LEAST_HEIGHTS, turn: TURN_LEAST };
+    let mut pace = still;
     for i in 0..30 {
         let secs = f64::from(i) / 20.0;
+        // Along world x, which is to the side at first and ahead later.
         let at = camera(DVec3::new(4.0 * secs, 0.0, 9.0), DQuat::from_rotation_y(2.0 * secs));
         pace = tracker.note(secs, &at, 1.0);
     }
-    assert!((pace.speed - 6.0).abs() < 1e-6 && (pace.turn - 3.0).abs() < 1e-6, "{pace:?}");
-    // At rest it falls back to what hands do.
+    let expected = DQuat::from_rotation_y(2.9).inverse() * DVec3::X * 4.0;
+    assert!(pace.velocity.distance(expected) < 1e-6, "{pace:?}");
+    assert!((pace.spread - 1.0).abs() < 1e-6 && (pace.turn - 3.0).abs() < 1e-6, "{pace:?}");
+    // Who stopped just now may go on; after a second only as hands do.
     for i in 30..70 {
         let secs = f64::from(i) / 20.0;
         pace = tracker.note(secs, &camera(DVec3::new(6.0, 0.0, 9.0), DQuat::IDENTITY), 1.0);
+        if i == 40 {
+            assert!(pace.velocity == DVec3::ZERO && pace.spread > 3.0, "{pace:?}");
+        }
     }
-    assert_eq!(pace, Pace { speed: SPEED_LEAST_HEIGHTS, turn: TURN_LEAST });
+    assert_eq!(pace, still);
 }
