@@ -269,15 +269,16 @@ fn status_line(ui: &Ui, rect: egui::Rect, readings: &Readings) {
     } else if readings.loading {
         parts.push("loading…".to_owned());
     }
-    let at = rect.left_bottom() + egui::vec2(8.0, -6.0);
-    let text = parts.join("   ");
-    ui.painter().text(
-        at,
-        Align2::LEFT_BOTTOM,
-        text,
-        FontId::proportional(13.0),
-        Color32::LIGHT_GRAY,
-    );
+    if parts.is_empty() {
+        return;
+    }
+    let font = FontId::proportional(13.0);
+    let text = ui.painter().layout_no_wrap(parts.join("   "), font, Color32::LIGHT_GRAY);
+    let at = rect.left_bottom() + egui::vec2(8.0, -6.0 - text.size().y);
+    // Statues are light.
+    let behind = egui::Rect::from_min_size(at, text.size()).expand(3.0);
+    ui.painter().rect_filled(behind, 2.0, Color32::from_black_alpha(170));
+    ui.painter().galley(at, text, Color32::LIGHT_GRAY);
 }
 
 fn corner_buttons(ui: &Ui, rect: egui::Rect, settings: &Settings, actions: &mut Vec<Action>) {
