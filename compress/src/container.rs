@@ -263,11 +263,7 @@ impl HlodFile {
         offset: u64,
         count: u32,
     ) -> Result<Vec<u8>, FormatError> {
-        let end = offset.saturating_add(u64::from(count));
-        if end > self.header.file_bytes {
-            let (file_bytes, needed_bytes) = (self.header.file_bytes, end);
-            return Err(FormatError::Truncated { what, file_bytes, needed_bytes });
-        }
+        self.header.check_range(what, offset, count)?;
         let mut bytes = vec![0; count as usize];
         read_exact_at(&self.file, &mut bytes, offset)?;
         Ok(bytes)

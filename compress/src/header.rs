@@ -240,6 +240,24 @@ impl Header {
         Header::with_prefix(&w.bytes)
     }
 
+    /// That bytes lie within the file.
+    ///
+    /// # Errors
+    /// When they do not.
+    pub fn check_range(
+        &self,
+        what: &'static str,
+        offset: u64,
+        count: u32,
+    ) -> Result<(), FormatError> {
+        let needed_bytes = offset.saturating_add(u64::from(count));
+        if needed_bytes > self.file_bytes {
+            let file_bytes = self.file_bytes;
+            return Err(FormatError::Truncated { what, file_bytes, needed_bytes });
+        }
+        Ok(())
+    }
+
     /// Signature, version, length and checksum in front of a header's body. For fuzzing, too, which
     /// would never guess a checksum.
     #[doc(hidden)]

@@ -16,7 +16,7 @@ use std::collections::BinaryHeap;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use glam::{DVec3, DVec4};
-use hlod_compress::{BlockRef, RepresentationKind};
+use hlod_compress::BlockRef;
 
 use crate::camera::Camera;
 use crate::select::{Selection, View, corners};
@@ -244,11 +244,6 @@ impl<'a> Need<'a> {
         }
         plan
     }
-
-    /// Which hierarchy is planned for.
-    pub fn kind(&self) -> RepresentationKind {
-        self.selection.kind
-    }
 }
 
 /// A corner's distance along a direction and across it.
@@ -295,14 +290,15 @@ impl Reach {
         if self.turn >= PI - p.angle { -p.length } else { turned }
     }
 
-    /// Most that moving adds to it.
+    /// Most that moving adds to it, now or at any time before: who goes on passes what he came to, but
+    /// what may have been the case stays so.
     fn most_moved(&self, drift: &Parts) -> f64 {
-        self.most(drift) * self.secs + self.spread
+        self.most(drift).max(0.0) * self.secs + self.spread
     }
 
-    /// Least that moving adds to it.
+    /// Least that it adds, now or at any time before.
     fn least_moved(&self, drift: &Parts) -> f64 {
-        self.least(drift) * self.secs - self.spread
+        self.least(drift).min(0.0) * self.secs - self.spread
     }
 }
 

@@ -246,7 +246,7 @@ impl<'a> Run<'a> {
                 Policy::Extrapolate => Some(self.front(&self.view(&extrapolated(
                     cameras,
                     i,
-                    0.5 * self.options.frames_per_sec,
+                    self.options.frames_per_sec,
                 )))),
                 _ => None,
             };
@@ -390,11 +390,11 @@ fn page_bytes(node: &Node, representation: usize) -> u64 {
     ArenaSize::bytes_of(r.vertices.into(), r.triangles.into())
 }
 
-/// The camera some frames later, if eye and target go on as in the last tenth of a second.
-fn extrapolated(cameras: &[Camera], frame: usize, frames: f64) -> Camera {
-    let back = frame.min(3);
+/// The camera half a second later, if eye and target go on as in the last tenth of a second.
+fn extrapolated(cameras: &[Camera], frame: usize, frames_per_sec: f64) -> Camera {
+    let back = frame.min((0.1 * frames_per_sec).round().max(1.0) as usize);
     let (now, before) = (&cameras[frame], &cameras[frame - back]);
-    let share = if back > 0 { frames / back as f64 } else { 0.0 };
+    let share = if back > 0 { 0.5 * frames_per_sec / back as f64 } else { 0.0 };
     let target = now.target + (now.target - before.target) * share;
     let eye = now.eye + (now.eye - before.eye) * share;
     if eye.distance(target) > 0.0 { Camera { eye, target, ..*now } } else { *now }

@@ -71,8 +71,8 @@ struct Models {
     across: Vec<Model>,
     met: Model,
     first_known: Model,
-    /// By axis: along the surface, again, across it; then whether the gate's end lies on the
-    /// page's bounds.
+    /// Along the surface, again, and across it. Contexts: how far off the ones before were, for vertices
+    /// within the page's bounds and on them.
     residual: [Signed<6>; 3],
     on_bounds: [Model; 9],
     start: Signed<3>,

@@ -159,6 +159,23 @@ fn directions_count() {
     assert!(towards < 3.0 && across > 7.0 && away == f64::INFINITY, "{towards} {across} {away}");
 }
 
+/// Who goes on for long passes what comes into view on the way: it is due when it comes.
+#[test]
+fn what_is_passed_is_due() {
+    let skeleton = tree_of(3, NormalCone::ALL, APPEARANCE);
+    let (eye, velocity) = (DVec3::new(0.0, 0.0, 0.5), DVec3::Y * 2.5);
+    let before = view(&camera(eye, DQuat::IDENTITY));
+    let pace = Pace { velocity, spread: 0.0, turn: 0.0 };
+    let plan = whole_plan(&Need::new(&before, selection(0.2), pace), &skeleton);
+    let after = view(&camera(eye + velocity / 6.0, DQuat::IDENTITY));
+    let draws = select(&skeleton, &after, selection(0.2), &|_, _| true).draws;
+    assert!(!draws.is_empty());
+    for draw in draws {
+        let due = secs_of(&plan, draw.node);
+        assert!(due <= 1.0 / 6.0, "node {}: {due}", draw.node);
+    }
+}
+
 #[test]
 fn paces_follow_the_eye() {
     let mut tracker = PaceTracker::default();

@@ -73,11 +73,7 @@ impl HttpFile {
         offset: u64,
         count: u32,
     ) -> Result<Vec<u8>, FormatError> {
-        let end = offset.saturating_add(u64::from(count));
-        if end > self.header.file_bytes {
-            let (file_bytes, needed_bytes) = (self.header.file_bytes, end);
-            return Err(FormatError::Truncated { what, file_bytes, needed_bytes });
-        }
+        self.header.check_range(what, offset, count)?;
         if count == 0 {
             return Ok(Vec::new());
         }
