@@ -7,7 +7,7 @@ const MAGIC: [u8; 8] = *b"HLOD\r\n\x1a\n";
 
 /// The version this crate writes and the only one it reads. From 0xffff0000 on forms are counted that
 /// are not frozen; the first that is frozen will be 1.
-pub const FORMAT_VERSION: u32 = 0xffff_0002;
+pub const FORMAT_VERSION: u32 = 0xffff_0003;
 
 /// No header is longer; a first read of this size always holds all of it.
 pub const HEADER_BYTES_MAX: usize = 64 * 1024;
@@ -177,9 +177,11 @@ pub struct Header {
     pub sources: Vec<SourceFile>,
     /// Triangles read from the sources, degenerate ones included.
     pub triangles_input: u64,
+    /// Points read from the sources, where they have no triangles.
+    pub points_input: u64,
     /// Build option R: a node's error budget is its cell's edge divided by this.
     pub resolution: u32,
-    /// Build option T: no leaf holds more triangles.
+    /// Build option T: no leaf holds more triangles, or points.
     pub leaf_triangles: u32,
     /// Build option: differences of normals below this many times the normals' noise in a node did
     /// not count as shading.
@@ -216,6 +218,7 @@ impl Header {
         w.vec3_i32(self.bounds[0]);
         w.vec3_i32(self.bounds[1]);
         w.u64(self.triangles_input);
+        w.u64(self.points_input);
         w.u32(self.resolution);
         w.u32(self.leaf_triangles);
         w.f32(self.normal_noise);
@@ -332,7 +335,7 @@ impl Header {
         if !inside(bounds[0]) || !inside(bounds[1]) || (0..3).any(|i| bounds[0][i] > bounds[1][i]) {
             return Err(bad("bounds outside the root cube"));
         }
-        let triangles_input = r.u64()?;
+        let (triangles_input, points_input) = (r.u64()?, r.u64()?);
         let (resolution, leaf_triangles) = (r.u32()?, r.u32()?);
         let normal_noise = r.f32()?;
         if !(normal_noise >= 0.0 && normal_noise.is_finite()) {
@@ -378,6 +381,7 @@ impl Header {
             bounds,
             sources,
             triangles_input,
+            points_input,
             resolution,
             leaf_triangles,
             normal_noise,

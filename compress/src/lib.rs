@@ -7,7 +7,7 @@
 //!
 //! The crate knows neither threads nor windows nor the GPU. Writing goes through
 //! [`FileWriter`]; reading is a set of functions from byte slices to owned values
-//! ([`Header::parse`], [`SkeletonBlock::parse`], [`decode_mesh`]), so that local files, HTTP
+//! ([`Header::parse`], [`SkeletonBlock::parse`], [`decode_page`]), so that local files, HTTP
 //! ranges and tests share them, plus [`HlodFile`], which applies them to a file on disk.
 //!
 //! Everything read is untrusted: lengths are checked before anything is allocated, checksums
@@ -23,6 +23,7 @@ mod lattice;
 mod mesh;
 mod octahedral;
 mod page;
+mod points;
 mod pread;
 mod skeleton;
 pub mod srgb;
@@ -38,8 +39,10 @@ pub use lattice::Lattice;
 pub use mesh::Mesh;
 pub use octahedral::OctNormal;
 pub use page::{
-    PageAccount, decode_mesh, encode_mesh, encode_mesh_with_account, encoded_mesh_counts,
+    PageAccount, PageContent, PageCounts, decode_page, encode_mesh_with_account, encode_page,
+    encoded_counts,
 };
+pub use points::{PointPrefix, PointRadius, Points};
 pub use skeleton::{
     BLOCK_BYTES_MAX, BlockRef, BoundStatus, Children, Errors, NodeFlags, NodeRecord, NormalCone,
     Representation, RepresentationKind, SkeletonBlock,

@@ -46,9 +46,13 @@ impl Mesh {
 
     /// Smallest and largest coordinates in lattice steps; `None` for a mesh without vertices.
     pub fn bounds(&self) -> Option<([i32; 3], [i32; 3])> {
-        let first = *self.positions.first()?;
-        Some(self.positions.iter().fold((first, first), |(lo, hi), p| {
-            (std::array::from_fn(|i| lo[i].min(p[i])), std::array::from_fn(|i| hi[i].max(p[i])))
-        }))
+        bounds_of(&self.positions)
     }
+}
+
+pub(crate) fn bounds_of(positions: &[[i32; 3]]) -> Option<([i32; 3], [i32; 3])> {
+    let first = *positions.first()?;
+    Some(positions.iter().fold((first, first), |(lo, hi), p| {
+        (std::array::from_fn(|i| lo[i].min(p[i])), std::array::from_fn(|i| hi[i].max(p[i])))
+    }))
 }

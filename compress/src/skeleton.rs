@@ -120,6 +120,8 @@ pub struct Representation {
     pub triangles: u32,
     /// Points in the page.
     pub points: u32,
+    /// The largest of the radii at which the points cover, in the source's unit; 0 without points.
+    pub cover_radius: f32,
     /// The page.
     pub page: PageRef,
 }
@@ -134,7 +136,7 @@ impl Representation {
         }
     }
 
-    const BYTES: usize = 1 + Errors::BYTES + 12 + 16;
+    const BYTES: usize = 1 + Errors::BYTES + 16 + 16;
 }
 
 /// Properties of a node.
@@ -195,10 +197,13 @@ impl NodeRecord {
         self.child_mask == 0
     }
 
-    /// The representation for `kind`: a leaf's source geometry serves every kind.
+    /// The representation for `kind`: a leaf's source geometry serves every kind, and of points there
+    /// is an appearance alone.
     pub fn representation(&self, kind: RepresentationKind) -> Option<&Representation> {
         let of = |kind| self.representations.iter().find(|r| r.kind == kind);
-        of(kind).or_else(|| of(RepresentationKind::Source))
+        of(kind)
+            .or_else(|| of(RepresentationKind::Source))
+            .or_else(|| of(RepresentationKind::Appearance))
     }
 
     pub(crate) fn record_bytes(representations: usize, is_leaf: bool) -> usize {
@@ -250,6 +255,7 @@ impl NodeRecord {
             w.u32(r.vertices);
             w.u32(r.triangles);
             w.u32(r.points);
+            w.f32(r.cover_radius);
             w.u64(r.page.offset);
             w.u32(r.page.page_bytes);
             w.u32(r.page.crc32);
@@ -331,6 +337,11 @@ impl NodeRecord {
         {
             return bad("an error is not a length or an angle");
         }
+        let (vertices, triangles, points) = (r.u32()?, r.u32()?, r.u32()?);
+        let cover_radius = r.f32()?;
+        if !is_length(cover_radius) {
+            return bad("a radius is not a length");
+        }
         Ok(Representation {
             kind,
             errors: Errors {
@@ -341,9 +352,10 @@ impl NodeRecord {
                 normal_smoothing_deg,
                 border,
             },
-            vertices: r.u32()?,
-            triangles: r.u32()?,
-            points: r.u32()?,
+            vertices,
+            triangles,
+            points,
+            cover_radius,
             page: PageRef { offset: r.u64()?, page_bytes: r.u32()?, crc32: r.u32()? },
         })
     }

@@ -18,8 +18,13 @@ const SIDE: usize = 16;
 const BINS: usize = 6 * SIDE * SIDE;
 
 impl ConeBuilder {
+    /// Of no directions.
+    pub(crate) fn nothing() -> ConeBuilder {
+        ConeBuilder { bins: [0; BINS / 64] }
+    }
+
     pub(crate) fn of_mesh(mesh: &Mesh) -> ConeBuilder {
-        let mut cone = ConeBuilder { bins: [0; BINS / 64] };
+        let mut cone = ConeBuilder::nothing();
         for t in &mesh.triangles {
             let [a, b, c] = t.map(|v| DVec3::from_array(mesh.positions[v as usize].map(f64::from)));
             let normal = (b - a).cross(c - a);

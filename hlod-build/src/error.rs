@@ -56,6 +56,31 @@ pub enum BuildError {
         /// How many faces it has.
         faces: u64,
     },
+    /// Points without normals cannot be lit.
+    #[error(
+        "{path}: {lacking} of {points} points have no normal, without which they cannot be lit; \
+         compute normals first, in CloudCompare by Edit > Normals > Compute"
+    )]
+    NoNormals {
+        /// The first input.
+        path: PathBuf,
+        /// Points without.
+        lacking: u64,
+        /// All points.
+        points: u64,
+    },
+    /// Some inputs are point clouds, others have triangles.
+    #[error(
+        "{path}: {}; build one file from the point clouds and one from the others",
+        if *is_cloud { "is a point cloud, which the inputs before are not" }
+        else { "has triangles, while the inputs before are point clouds" }
+    )]
+    MixedInputs {
+        /// The first that differs from those before.
+        path: PathBuf,
+        /// Whether it is a point cloud.
+        is_cloud: bool,
+    },
     /// The memory allowed does not suffice.
     #[error(
         "{path}: {why}, which takes about {} MiB; --memory allows {} MiB",

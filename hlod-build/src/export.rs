@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BinaryHeap, HashMap};
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-use hlod_compress::{CellKey, HlodFile, Mesh, NodeRecord, RepresentationKind, decode_mesh};
+use hlod_compress::{CellKey, HlodFile, Mesh, NodeRecord, PageContent, Representation, RepresentationKind, decode_page};
 use serde::Serialize;
 
 use crate::error::BuildError;
@@ -18,7 +18,7 @@ pub enum Selection {
     Depth(u8),
     /// The coarsest nodes with at most this error, in the source's unit.
     Error(f64),
-    /// As fine as this number of triangles allows: the node with the largest error is refined
+    /// As fine as this number of triangles, or points, allows: the node with the largest error is refined
     /// first. The root even if it has more.
     MaxTriangles(u64),
     /// The scan's own geometry.
@@ -28,7 +28,7 @@ pub enum Selection {
 /// What was exported; the keys are stable.
 #[derive(Debug, Serialize)]
 pub struct ExportReport {
-    /// Vertices written.
+    /// Vertices written; points are vertices without triangles.
     pub vertices: u64,
     /// Triangles written.
     pub triangles: u64,
@@ -63,7 +63,11 @@ pub fn export(
     for cell in &front {
         let Some(representation) = nodes[cell].representation(kind) else { continue };
         let page = file.read_page(representation.page).map_err(BuildError::format(path))?;
-        let part = decode_mesh(&page).map_err(BuildError::format(path))?;
+        let PageContent { mesh: part, points } =
+            decode_page(&page).map_err(BuildError::format(path))?;
+        mesh.positions.extend(points.positions);
+        mesh.normals.extend(points.normals);
+        mesh.colours.extend(points.colours);
         let new_from_old: Vec<u32> = (0..part.positions.len() as u32)
             .map(|v| {
                 let vertex = Vertex::of(&part, v);
@@ -90,7 +94,8 @@ fn front(
     kind: RepresentationKind,
 ) -> Vec<CellKey> {
     let error = |n: &NodeRecord| n.representation(kind).map_or(0.0, |r| r.errors.geometric);
-    let triangles = |n: &NodeRecord| n.representation(kind).map_or(0, |r| u64::from(r.triangles));
+    let primitives = |r: &Representation| u64::from(r.triangles) + u64::from(r.points);
+    let triangles = |n: &NodeRecord| n.representation(kind).map_or(0, primitives);
     let children = |n: &NodeRecord| -> Vec<&NodeRecord> {
         let octants = (0..8).filter(|o| n.child_mask >> o & 1 == 1);
         octants.filter_map(|o| nodes.get(&n.cell.child(o))).collect()
@@ -161,11 +166,11 @@ fn write_ply(
                 writeln!(out, "property uchar {channel}")?;
             }
         }
-        writeln!(
-            out,
-            "element face {}\nproperty list uchar int vertex_indices\nend_header",
-            mesh.triangles.len()
-        )?;
+        if !mesh.triangles.is_empty() {
+            writeln!(out, "element face {}", mesh.triangles.len())?;
+            writeln!(out, "property list uchar int vertex_indices")?;
+        }
+        writeln!(out, "end_header")?;
         for v in 0..mesh.positions.len() {
             for value in lattice.position(mesh.positions[v]) {
                 out.write_all(&value.to_le_bytes())?;

@@ -9,15 +9,17 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use hlod_compress::{
     BoundStatus, CellKey, Children, Errors, FormatError, Lattice, MAX_DEPTH, Mesh, NodeFlags,
-    NodeRecord, NormalCone, PageRef, Representation, RepresentationKind, encode_mesh,
+    NodeRecord, NormalCone, PageContent, PageRef, Representation, RepresentationKind, encode_page,
 };
 use rayon::prelude::*;
 
 use crate::borders::Cube;
 use crate::certificate::Carried;
 use crate::cone::ConeBuilder;
+use crate::error::BuildError;
 use crate::gate::{Admitted, Gate, TooMuch};
 use crate::partition::{Leaf, Vertex};
+use crate::points::{Point, cloud};
 use crate::progress::Progress;
 use crate::seams::close_seams;
 use crate::simplify::{Both, Budget, LEAST_SHARE, Simplified, Source, simplify};
@@ -35,10 +37,19 @@ pub(crate) struct BuiltNode {
 pub(crate) struct Piece {
     /// Its appearance; of a leaf the original.
     pub(crate) source: Source,
+    /// The same of a point cloud.
+    pub(crate) points: Vec<Point>,
     pub(crate) is_leaf: bool,
     /// Normals and bounds of it and of everything below.
     pub(crate) cone: ConeBuilder,
     pub(crate) bounds: [[i32; 3]; 2],
+}
+
+impl Piece {
+    /// Triangles, or points.
+    pub(crate) fn primitives(&self) -> usize {
+        self.source.mesh.triangles.len() + self.points.len()
+    }
 }
 
 /// Pieces by their cells.
@@ -50,6 +61,9 @@ pub(crate) struct Setting<'a> {
     pub(crate) resolution: u32,
     pub(crate) normal_noise: f32,
     pub(crate) closed_oriented: bool,
+    /// Whether the scan is a point cloud.
+    pub(crate) is_cloud: bool,
+    pub(crate) has_colours: bool,
     /// Keeps nodes that are worked on at a time within memory.
     pub(crate) gate: &'a Gate,
     pub(crate) progress: &'a dyn Progress,
@@ -65,28 +79,26 @@ impl Setting<'_> {
     }
 }
 
-/// Builds the nodes of a subtree of so many triangles from its leaves, and says what is needed above: the pieces of
-/// `root` and of its children.
+/// Builds the nodes of a subtree of so many triangles, or points, above its leaves, and says what is
+/// needed higher up: the pieces of `root` and of its children.
 ///
 /// # Errors
 /// When a node is larger than a page or memory may be, or the build was stopped.
 pub(crate) fn build_subtree(
     root: CellKey,
-    leaves: Vec<Leaf>,
+    leaves: Vec<(BuiltNode, Piece)>,
     triangles: u64,
     setting: &Setting<'_>,
 ) -> Result<(Vec<BuiltNode>, Pieces), NodeError> {
     let mut inner = BTreeSet::new();
-    for leaf in &leaves {
-        let mut cell = (leaf.cell != root).then(|| leaf.cell.parent()).flatten();
+    for leaf in leaves.iter().map(|(node, _)| node.record.cell) {
+        let mut cell = (leaf != root).then(|| leaf.parent()).flatten();
         while let Some(above) = cell.filter(|&c| inner.insert(c) && c != root) {
             cell = above.parent();
         }
     }
     let advance = Shares::new(setting.progress, triangles, inner.len() as u64 + 1);
-    let built = leaves.into_par_iter().map(|leaf| build_leaf(leaf, setting));
-    let built = built.collect::<Result<Vec<_>, NodeError>>()?;
-    let mut nodes = Vec::with_capacity(built.len() + inner.len());
+    let mut nodes = Vec::with_capacity(leaves.len() + inner.len());
     let mut pieces = Pieces::new();
     let mut keep = |built: Vec<(BuiltNode, Piece)>, pieces: &mut Pieces| {
         for (node, piece) in built {
@@ -94,15 +106,14 @@ pub(crate) fn build_subtree(
             nodes.push(node);
         }
     };
-    keep(built, &mut pieces);
+    keep(leaves, &mut pieces);
     let deepest = inner.iter().map(|c| c.depth()).max();
     for depth in (root.depth()..=deepest.unwrap_or(0)).rev() {
         let cells: Vec<CellKey> = inner.iter().copied().filter(|c| c.depth() == depth).collect();
         // All nodes of a depth are independent of one another.
         let built = cells.par_iter().map(|&cell| {
-            let triangles = gathered(cell, &pieces).map(|p| p.source.mesh.triangles.len());
-            let _admitted =
-                setting.admit(triangles.sum::<usize>() as u64 * NODE_BYTES_A_TRIANGLE)?;
+            let primitives: usize = gathered(cell, &pieces).map(Piece::primitives).sum();
+            let _admitted = setting.admit(primitives as u64 * NODE_BYTES_A_TRIANGLE)?;
             let built = build_inner(cell, &pieces, setting);
             advance.one();
             built
@@ -140,6 +151,8 @@ impl<'a> Shares<'a> {
 #[derive(Debug)]
 pub(crate) enum NodeError {
     Format(FormatError),
+    /// Of a file that it is made from.
+    Build(BuildError),
     /// More memory is needed for one node than there is for all.
     Memory {
         needed_bytes: u64,
@@ -158,16 +171,24 @@ impl From<FormatError> for NodeError {
 /// lattice steps: their vertices are rounded.
 const CUT_ROUNDING: f64 = 1.0;
 
-fn build_leaf(leaf: Leaf, setting: &Setting<'_>) -> Result<(BuiltNode, Piece), NodeError> {
-    let page = encode_mesh(&leaf.mesh, 0)?;
+/// # Errors
+/// When the leaf is larger than a page may be.
+pub(crate) fn build_leaf(
+    leaf: Leaf,
+    setting: &Setting<'_>,
+) -> Result<(BuiltNode, Piece), NodeError> {
+    let content = PageContent { mesh: leaf.mesh, ..PageContent::default() };
+    let page = encode_page(&content, 0)?;
     let kind = RepresentationKind::Source;
-    let representation = representation(kind, Errors::NONE, &leaf.mesh, &page);
-    let (lo, hi) = leaf.mesh.bounds().expect("a leaf is never empty");
-    let cone = ConeBuilder::of_mesh(&leaf.mesh);
+    let representation =
+        representation(kind, Errors::NONE, &content, &page, setting.lattice.step);
+    let mesh = content.mesh;
+    let (lo, hi) = mesh.bounds().expect("a leaf is never empty");
+    let cone = ConeBuilder::of_mesh(&mesh);
     let record =
         record(leaf.cell, setting.closed_oriented, [lo, hi], cone.finish(), vec![representation]);
-    let source = Source { mesh: leaf.mesh, border: CUT_ROUNDING, ..Source::default() };
-    let piece = Piece { source, is_leaf: true, cone, bounds: [lo, hi] };
+    let source = Source { mesh, border: CUT_ROUNDING, ..Source::default() };
+    let piece = Piece { source, points: Vec::new(), is_leaf: true, cone, bounds: [lo, hi] };
     Ok((BuiltNode { record, pages: vec![page] }, piece))
 }
 
@@ -183,6 +204,9 @@ pub(crate) fn build_inner(
 ) -> Result<(BuiltNode, Piece), NodeError> {
     if setting.progress.is_stopped() {
         return Err(NodeError::Stopped);
+    }
+    if setting.is_cloud {
+        return cloud::build_inner(cell, pieces, setting);
     }
     let lattice = &setting.lattice;
     let mut source = gather(cell, pieces);
@@ -218,7 +242,8 @@ pub(crate) fn build_inner(
     let is_closed = setting.closed_oriented && !is_opened;
     let record = record(cell, is_closed, bounds, cone.finish(), representations);
     // The appearance is what levels above are made of.
-    let piece = Piece { source: appearance.0, is_leaf: false, cone, bounds };
+    let piece =
+        Piece { source: appearance.0, points: Vec::new(), is_leaf: false, cone, bounds };
     Ok((BuiltNode { record, pages: vec![appearance.2, geometric.2] }, piece))
 }
 
@@ -263,7 +288,7 @@ fn budget(cell: CellKey, setting: &Setting<'_>, source: &Source) -> Budget {
 
 /// The pieces that a node is made of, in the order of their cells: children that are leaves,
 /// grandchildren otherwise.
-fn gathered(cell: CellKey, pieces: &Pieces) -> impl Iterator<Item = &Piece> {
+pub(crate) fn gathered(cell: CellKey, pieces: &Pieces) -> impl Iterator<Item = &Piece> {
     (0..8).map(move |octant| cell.child(octant)).flat_map(move |child| {
         let leaf = pieces.get(&child).filter(|piece| piece.is_leaf);
         let deeper = leaf.is_none() && child.depth() < MAX_DEPTH;
@@ -304,7 +329,9 @@ fn encode_inner(
     let Simplified { mesh, carried, distance, normal_deviation, smoothing, visual, border } =
         simplified;
     // Corners on the cell's faces stay on the finest grid they came from.
-    let page = encode_mesh(&mesh, grid_of(&mesh, budget.grid_shift))?;
+    let grid_shift = grid_of(&mesh, budget.grid_shift);
+    let content = PageContent { mesh, ..PageContent::default() };
+    let page = encode_page(&content, grid_shift)?;
     // An error far below the budget selects nothing differently, but checking it by samples at a
     // quarter of it would take for ever.
     let error = distance.max(budget.whole / 8.0);
@@ -316,8 +343,8 @@ fn encode_inner(
         normal_smoothing_deg: degrees_up(smoothing),
         border: round_up(border * lattice.step),
     };
-    let representation = representation(kind, errors, &mesh, &page);
-    Ok((Source { mesh, carried, smoothing, border }, representation, page))
+    let representation = representation(kind, errors, &content, &page, lattice.step);
+    Ok((Source { mesh: content.mesh, carried, smoothing, border }, representation, page))
 }
 
 /// The coarsest grid, up to `2^wanted`, that holds every position relative to the lowest.
@@ -330,33 +357,36 @@ fn grid_of(mesh: &Mesh, wanted: u8) -> u8 {
 
 /// Degrees of an angle in radians, not less.
 #[inline(never)]
-fn degrees_up(radians: f32) -> f32 {
+pub(crate) fn degrees_up(radians: f32) -> f32 {
     round_up(f64::from(radians).to_degrees()).min(180.0)
 }
 
 /// A bound survives the way to f32.
-fn round_up(value: f64) -> f32 {
+pub(crate) fn round_up(value: f64) -> f32 {
     let nearest = value as f32;
     if f64::from(nearest) < value { nearest.next_up() } else { nearest }
 }
 
-fn representation(
+pub(crate) fn representation(
     kind: RepresentationKind,
     errors: Errors,
-    mesh: &Mesh,
+    content: &PageContent,
     page: &[u8],
+    step: f64,
 ) -> Representation {
+    let PageContent { mesh, points } = content;
     Representation {
         kind,
         errors,
         vertices: mesh.positions.len() as u32,
         triangles: mesh.triangles.len() as u32,
-        points: 0,
+        points: points.len() as u32,
+        cover_radius: round_up(points.largest_radius_steps() * step),
         page: PageRef::of_bytes(page),
     }
 }
 
-fn record(
+pub(crate) fn record(
     cell: CellKey,
     closed_oriented: bool,
     bounds: [[i32; 3]; 2],

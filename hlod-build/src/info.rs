@@ -37,6 +37,8 @@ pub struct Info {
     pub sources: Vec<SourceInfo>,
     /// Triangles read from the inputs.
     pub triangles_input: u64,
+    /// Points read, where the scan is a point cloud.
+    pub points_input: u64,
     /// Octree nodes.
     pub nodes: u64,
     /// Whether every node is marked as closed and outward facing.
@@ -83,6 +85,8 @@ pub struct Level {
     pub triangles_mean: f64,
     /// Mean points of a node for receivers.
     pub points_mean: f64,
+    /// Largest radius at which points cover, in the source's unit.
+    pub cover_radius_max: f64,
     /// Mean triangles of a node for casters.
     pub triangles_geometric_mean: f64,
     /// Largest geometric error for receivers, in the source's unit.
@@ -146,6 +150,7 @@ pub fn info(path: &Path) -> Result<Info, BuildError> {
             })
             .collect(),
         triangles_input: header.triangles_input,
+        points_input: header.points_input,
         nodes: header.nodes,
         closed_oriented: nodes.iter().all(|n| n.flags.closed_oriented),
         error_status: if proven { "proven" } else { "measured" },
@@ -168,6 +173,7 @@ fn levels(nodes: &[NodeRecord]) -> Vec<Level> {
         if let Some(r) = node.representation(RepresentationKind::Appearance) {
             level.triangles_mean += f64::from(r.triangles);
             level.points_mean += f64::from(r.points);
+            level.cover_radius_max = level.cover_radius_max.max(f64::from(r.cover_radius));
             level.error_max = level.error_max.max(f64::from(r.errors.geometric));
             level.border_error_max = level.border_error_max.max(f64::from(r.errors.border));
             level.visual_error_max = level.visual_error_max.max(f64::from(r.errors.visual));

@@ -20,7 +20,8 @@ pub enum Precision {
     Declared,
     /// The scan's coordinates are multiples of it.
     Detected,
-    /// A sixteenth of the short edges (tenth percentile) of the scan.
+    /// A sixteenth of the short edges (tenth percentile) of the scan, or of the short distances between
+    /// points of a cloud.
     Estimated,
 }
 
@@ -52,6 +53,22 @@ pub(crate) fn choose_step(
         return Ok((step, Precision::Declared));
     }
     let estimated = estimate_step(vertices, triangles)?;
+    detected_or(vertices, estimated)
+}
+
+/// The same of a point cloud.
+pub(crate) fn choose_cloud_step(
+    vertices: &Path,
+    declared: Option<f64>,
+) -> Result<(f64, Precision), BuildError> {
+    if let Some(step) = declared {
+        return Ok((step, Precision::Declared));
+    }
+    let estimated = estimate_cloud_step(vertices)?;
+    detected_or(vertices, estimated)
+}
+
+fn detected_or(vertices: &Path, estimated: f64) -> Result<(f64, Precision), BuildError> {
     let count = RecordReader::<ScanVertex>::open(vertices)?.left();
     let stride = count.div_ceil(POSITION_SAMPLES).max(1);
     let sampled = RecordReader::<ScanVertex>::at(vertices, (0..count).step_by(stride as usize))?;
@@ -129,6 +146,49 @@ fn estimate_step(vertices: &Path, triangles: &Path) -> Result<f64, BuildError> {
     lengths.sort_by(f64::total_cmp);
     Ok(lengths.get(lengths.len() / 10).map_or(1.0, |short| short / 16.0))
 }
+
+/// A sixteenth of the tenth percentile of distances to the nearest neighbour, judged from points of a
+/// few small boxes of the cloud.
+fn estimate_cloud_step(vertices: &Path) -> Result<f64, BuildError> {
+    let mut reader = RecordReader::<ScanVertex>::open(vertices)?;
+    let count = reader.left();
+    let middles = (0..BOXES).map(|i| (2 * i + 1) * count / (2 * BOXES));
+    let middles: Vec<DVec3> = RecordReader::<ScanVertex>::at(vertices, middles)?
+        .iter()
+        .map(|v| DVec3::from_array(v.position))
+        .collect();
+    // The nearest to each of a few middles: all neighbours of most of them are among them.
+    let mut near: Vec<Vec<(f64, DVec3)>> = vec![Vec::new(); middles.len()];
+    while reader.left() > 0 {
+        for vertex in reader.next(1 << 16)? {
+            let position = DVec3::from_array(vertex.position);
+            for (middle, near) in middles.iter().zip(&mut near) {
+                let distance = position.distance_squared(*middle);
+                if near.len() == 2 * BOX_POINTS {
+                    near.select_nth_unstable_by(BOX_POINTS, |a, b| a.0.total_cmp(&b.0));
+                    near.truncate(BOX_POINTS);
+                }
+                near.push((distance, position));
+            }
+        }
+    }
+    let mut distances = Vec::new();
+    for near in &mut near {
+        near.sort_by(|a, b| a.0.total_cmp(&b.0));
+        near.truncate(BOX_POINTS);
+        for (i, (_, at)) in near.iter().take(BOX_POINTS / 2).enumerate() {
+            let others = near.iter().enumerate().filter(|(k, _)| *k != i);
+            let nearest = others.map(|(_, (_, p))| p.distance(*at)).filter(|d| *d > 0.0);
+            distances.extend(nearest.min_by(f64::total_cmp));
+        }
+    }
+    distances.sort_by(f64::total_cmp);
+    Ok(distances.get(distances.len() / 10).map_or(1.0, |short| short / 16.0))
+}
+
+/// Places at which a cloud is judged, and points there.
+const BOXES: u64 = 16;
+const BOX_POINTS: usize = 256;
 
 #[cfg(test)]
 mod tests {

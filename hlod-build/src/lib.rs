@@ -28,6 +28,7 @@ mod oddities;
 mod output;
 mod partition;
 mod pipeline;
+mod points;
 pub mod progress;
 mod resources;
 mod seams;

@@ -88,6 +88,8 @@ pub struct BuildReport {
     pub bytes_total: u64,
     /// Triangles read.
     pub triangles_input: u64,
+    /// Points read, of point clouds.
+    pub points_input: u64,
     /// Triangles without an area on the lattice, left out.
     pub triangles_degenerate: u64,
     /// Octree nodes.
@@ -208,7 +210,7 @@ fn divide(
     folder.discard(&[ingest::VERTICES])?;
     meter.finish_stage("survey");
 
-    let subtrees = scatter(folder, &survey, account.triangles, full, memory.join_bytes, progress)?;
+    let subtrees = scatter(folder, &survey, &account, full, memory.join_bytes, progress)?;
     folder.discard(&[ingest::TRIANGLES, survey::PLACED])?;
     meter.finish_stage("partition");
     Ok(Divided { account, survey, plan: Plan::new(subtrees) })
@@ -233,12 +235,15 @@ fn run_steps(
         resolution: options.resolution,
         normal_noise: options.normal_noise,
         closed_oriented: survey.closed_oriented,
+        is_cloud: account.is_cloud,
+        has_colours: account.has_colours,
         gate: &gate,
         progress,
     };
     let leaf_triangles = options.leaf_triangles as usize;
-    progress.begin("simplify", plan.subtrees.iter().map(|s| s.triangles).sum(), Unit::Triangles);
-    build_subtrees(folder, &plan.subtrees, leaf_triangles, account.has_colours, &setting)?;
+    let unit = if account.is_cloud { Unit::Points } else { Unit::Triangles };
+    progress.begin("simplify", plan.subtrees.iter().map(|s| s.triangles).sum(), unit);
+    build_subtrees(folder, &plan.subtrees, leaf_triangles, &setting)?;
     progress.end();
     meter.finish_stage("simplify");
 
@@ -257,7 +262,6 @@ fn build_subtrees(
     folder: &WorkFolder,
     subtrees: &[Subtree],
     leaf_triangles: usize,
-    has_colours: bool,
     setting: &Setting<'_>,
 ) -> Result<(), BuildError> {
     let mut order: Vec<&Subtree> = subtrees.iter().collect();
@@ -271,7 +275,7 @@ fn build_subtrees(
                 break;
             }
             let done = folder.check_stop(setting.progress).and_then(|()| {
-                build_subtree_step(folder, subtree, leaf_triangles, has_colours, setting)
+                build_subtree_step(folder, subtree, leaf_triangles, setting)
             });
             if let (Err(error), Ok(mut failure)) = (done, failure.lock()) {
                 failure.get_or_insert(error);
@@ -357,6 +361,7 @@ impl Built {
             output: output.to_owned(),
             bytes_total: header.file_bytes,
             triangles_input: header.triangles_input,
+            points_input: header.points_input,
             triangles_degenerate: survey.triangles_degenerate,
             nodes: header.nodes,
             precision_step: survey.step,
@@ -376,11 +381,10 @@ fn triangles_read(report: &ScanReport) -> u64 {
 }
 
 fn header(options: &BuildOptions, account: &Account, survey: &Survey) -> Header {
-    let attribute = |name: &str, kind| AttributeDeclaration {
-        name: name.into(),
-        kind,
-        domain: AttributeDomain::Vertex,
-    };
+    let domain =
+        if account.is_cloud { AttributeDomain::Point } else { AttributeDomain::Vertex };
+    let attribute =
+        |name: &str, kind| AttributeDeclaration { name: name.into(), kind, domain };
     let mut attributes = vec![attribute("normal", AttributeType::OctNormal)];
     if account.has_colours {
         attributes.push(attribute("colour", AttributeType::Srgba8));
@@ -393,6 +397,7 @@ fn header(options: &BuildOptions, account: &Account, survey: &Survey) -> Header 
         bounds: survey.bounds,
         sources: account.sources.iter().map(ingest::Source::to_source_file).collect(),
         triangles_input: account.reports.iter().map(triangles_read).sum(),
+        points_input: if account.is_cloud { account.vertices } else { 0 },
         resolution: options.resolution,
         leaf_triangles: options.leaf_triangles,
         normal_noise: options.normal_noise,

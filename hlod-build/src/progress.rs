@@ -23,6 +23,8 @@ pub enum Unit {
     Bytes,
     /// Triangles.
     Triangles,
+    /// Points.
+    Points,
     /// Octree nodes.
     Nodes,
     /// Parts of the work.

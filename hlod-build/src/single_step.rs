@@ -32,7 +32,7 @@ pub struct StepDescription {
     pub needs: Vec<String>,
     /// Files of the work folder that it writes.
     pub makes: Vec<String>,
-    /// Triangles of the scan that it begins with, in a subtree.
+    /// Triangles (of a point cloud, points) of the scan that it begins with, in a subtree.
     pub triangles: Option<u64>,
     /// Whether the journal says that it is done.
     pub done: bool,
@@ -97,6 +97,8 @@ pub fn run_step(
         resolution: options.resolution,
         normal_noise: options.normal_noise,
         closed_oriented: survey.closed_oriented,
+        is_cloud: account.is_cloud,
+        has_colours: account.has_colours,
         gate: &gate,
         progress,
     };
@@ -105,7 +107,6 @@ pub fn run_step(
             &folder,
             subtree,
             options.leaf_triangles as usize,
-            account.has_colours,
             &setting,
         ),
         Work::Node(cell) => build_upper_step(&folder, cell, &plan.below(cell), &setting),

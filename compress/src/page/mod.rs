@@ -1,4 +1,7 @@
-//! Pages of triangles.
+//! Pages: what a node is drawn with.
+//!
+//! A page holds triangles, points ([`points`]), or both: a tag, the length of the triangles' page, that
+//! page and the points'. Of triangles:
 //!
 //! ```text
 //! tag u8 · flags u8 · grid shift u8 · shift of positions u8 · shift of normals u8 · expectation u8 ·
@@ -13,17 +16,21 @@
 
 mod cut_border;
 mod normals;
+mod points;
 mod values;
 mod walk;
 
 use crate::bytes::{ByteReader, ByteWriter};
 use crate::entropy::{Decoder, Encoder, SYMBOLS_A_BYTE};
-use crate::{FormatError, Mesh, OctNormal};
+use crate::{FormatError, Mesh, OctNormal, Points};
 use normals::{Expectation, best_expectation, code_normals};
+use points::{decode_points, encode_points, encoded_point_count};
 use values::shift_for;
 use walk::{Declared, Truth, Walked, walk};
 
 const TAG_TRIANGLES: u8 = 2;
+const TAG_POINTS: u8 = 3;
+const TAG_BOTH: u8 = 4;
 const FLAG_COLOURS: u8 = 1;
 
 /// Nothing larger is written or decoded.
@@ -41,6 +48,120 @@ pub struct PageAccount {
     pub normals: f64,
 }
 
+/// What a node is drawn with.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct PageContent {
+    /// Triangles; empty where there are none.
+    pub mesh: Mesh,
+    /// Points; empty where there are none.
+    pub points: Points,
+}
+
+/// How much of what a page holds.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct PageCounts {
+    /// Vertices of triangles.
+    pub vertices: u32,
+    /// Triangles.
+    pub triangles: u32,
+    /// Points.
+    pub points: u32,
+}
+
+/// Encodes what a node is drawn with; positions of triangles, and of points, are all multiples of
+/// `2^grid_shift` from their lowest corner.
+///
+/// # Errors
+/// When there is more than a page may hold.
+///
+/// # Panics
+/// When the content is inconsistent or off the grid: both are the caller's mistakes.
+pub fn encode_page(content: &PageContent, grid_shift: u8) -> Result<Vec<u8>, FormatError> {
+    let PageContent { mesh, points } = content;
+    if points.is_empty() {
+        return encode_mesh(mesh, grid_shift);
+    }
+    if mesh.positions.is_empty() {
+        return encode_points(points, grid_shift);
+    }
+    let (triangles, points) = (encode_mesh(mesh, grid_shift)?, encode_points(points, grid_shift)?);
+    let mut w = ByteWriter::default();
+    w.u8(TAG_BOTH);
+    w.u32(triangles.len() as u32);
+    w.put(&triangles);
+    w.put(&points);
+    Ok(w.bytes)
+}
+
+/// Decodes a page. Its checksum is the caller's business, because the caller has it.
+///
+/// # Errors
+/// On any byte sequence that [`encode_page`] does not write: no panic, and no allocation that
+/// the page's declared and limited counts do not explain.
+pub fn decode_page(page: &[u8]) -> Result<PageContent, FormatError> {
+    let (triangles, points) = parts(page)?;
+    Ok(PageContent {
+        mesh: triangles.map(decode_mesh).transpose()?.unwrap_or_default(),
+        points: points.map(decode_points).transpose()?.unwrap_or_default(),
+    })
+}
+
+/// What a page declares, without decoding it.
+///
+/// # Errors
+/// When the bytes do not begin like a page.
+pub fn encoded_counts(page: &[u8]) -> Result<PageCounts, FormatError> {
+    let (triangles, points) = parts(page)?;
+    let (vertices, triangles) = triangles.map(mesh_counts).transpose()?.unwrap_or_default();
+    let points = points.map(encoded_point_count).transpose()?.unwrap_or_default();
+    Ok(PageCounts { vertices, triangles, points })
+}
+
+/// The triangles' and the points' bytes.
+fn parts(page: &[u8]) -> Result<(Option<&[u8]>, Option<&[u8]>), FormatError> {
+    let mut r = ByteReader::new("page", page);
+    match r.u8()? {
+        TAG_TRIANGLES => Ok((Some(page), None)),
+        TAG_POINTS => Ok((None, Some(page))),
+        TAG_BOTH => {
+            let triangles = r.u32()? as usize;
+            Ok((Some(r.take(triangles)?), Some(r.take(r.remaining())?)))
+        }
+        tag => Err(FormatError::malformed("page", format!("unknown kind {tag}"))),
+    }
+}
+
+/// Positions on a page's grid, and how far they reach.
+///
+/// # Panics
+/// When one is off the grid.
+fn on_grid(
+    positions: &[[i32; 3]],
+    lowest: [i32; 3],
+    highest: [i32; 3],
+    grid_shift: u8,
+) -> (Vec<[i32; 3]>, [u32; 3]) {
+    let grid = |p: [i32; 3]| -> [u32; 3] {
+        std::array::from_fn(|i| {
+            let offset = p[i].abs_diff(lowest[i]);
+            assert!(
+                offset.trailing_zeros() >= u32::from(grid_shift),
+                "position off the page's grid"
+            );
+            offset >> grid_shift
+        })
+    };
+    (positions.iter().map(|&p| grid(p).map(|c| c as i32)).collect(), grid(highest))
+}
+
+fn too_large(unit: &'static str, count: usize, limit: u32) -> Result<(), FormatError> {
+    let (count, limit) = (count as u64, u64::from(limit));
+    if count > limit {
+        return Err(FormatError::TooLarge { what: "page", count, unit, limit });
+    }
+    Ok(())
+}
+
 /// Encodes a mesh whose positions are all multiples of `2^grid_shift` from its lowest corner.
 ///
 /// # Errors
@@ -48,11 +169,11 @@ pub struct PageAccount {
 ///
 /// # Panics
 /// When the mesh is inconsistent or off the grid: both are the caller's mistakes.
-pub fn encode_mesh(mesh: &Mesh, grid_shift: u8) -> Result<Vec<u8>, FormatError> {
+fn encode_mesh(mesh: &Mesh, grid_shift: u8) -> Result<Vec<u8>, FormatError> {
     encode_mesh_with_account(mesh, grid_shift).map(|(page, _)| page)
 }
 
-/// As [`encode_mesh`], with what the parts cost in bytes.
+/// A page of triangles, as [`encode_page`] writes it, with what the parts cost in bytes.
 ///
 /// # Errors
 /// As [`encode_mesh`].
@@ -67,29 +188,11 @@ pub fn encode_mesh_with_account(
         panic!("cannot encode an inconsistent mesh: {why}");
     }
     let (lowest, highest) = mesh.bounds().unwrap_or_default();
-    let grid = |p: [i32; 3]| -> [u32; 3] {
-        std::array::from_fn(|i| {
-            let offset = p[i].abs_diff(lowest[i]);
-            assert!(
-                offset.trailing_zeros() >= u32::from(grid_shift),
-                "position off the page's grid"
-            );
-            offset >> grid_shift
-        })
-    };
-    let extent = grid(highest);
-    for (unit, count, limit) in [
-        ("vertices", mesh.positions.len(), VERTICES_MAX),
-        ("triangles", mesh.triangles.len(), TRIANGLES_MAX),
-        ("steps along an axis", extent.into_iter().max().unwrap_or(0) as usize, EXTENT_MAX),
-    ] {
-        if count as u64 > u64::from(limit) {
-            let (count, limit) = (count as u64, u64::from(limit));
-            return Err(FormatError::TooLarge { what: "page", count, unit, limit });
-        }
-    }
-    let positions: Vec<[i32; 3]> =
-        mesh.positions.iter().map(|&p| grid(p).map(|c| c as i32)).collect();
+    let (positions, extent) = on_grid(&mesh.positions, lowest, highest, grid_shift);
+    let largest = extent.into_iter().max().unwrap_or(0);
+    too_large("vertices", mesh.positions.len(), VERTICES_MAX)?;
+    too_large("triangles", mesh.triangles.len(), TRIANGLES_MAX)?;
+    too_large("steps along an axis", largest as usize, EXTENT_MAX)?;
 
     let declared = Declared {
         vertices: mesh.positions.len(),
@@ -138,11 +241,7 @@ fn mean_edge(mesh: &Mesh, positions: &[[i32; 3]]) -> f64 {
     mesh.triangles.iter().map(length).sum::<f64>() / mesh.triangles.len().max(1) as f64
 }
 
-/// Numbers of vertices and triangles that a page declares, without decoding it.
-///
-/// # Errors
-/// When the bytes do not begin like a page of triangles.
-pub fn encoded_mesh_counts(page: &[u8]) -> Result<(u32, u32), FormatError> {
+fn mesh_counts(page: &[u8]) -> Result<(u32, u32), FormatError> {
     let mut r = ByteReader::new("page", page);
     let tag = r.u8()?;
     if tag != TAG_TRIANGLES {
@@ -152,14 +251,13 @@ pub fn encoded_mesh_counts(page: &[u8]) -> Result<(u32, u32), FormatError> {
     Ok((r.u32()?, r.u32()?))
 }
 
-/// Decodes a page of triangles. Its checksum is the caller's business, because the caller has it.
+/// Decodes a page of triangles.
 ///
 /// # Errors
-/// On any byte sequence that [`encode_mesh`] does not write: no panic, and no allocation that
-/// the page's declared and limited counts do not explain.
-pub fn decode_mesh(page: &[u8]) -> Result<Mesh, FormatError> {
+/// On any byte sequence that [`encode_mesh`] does not write, as [`decode_page`].
+fn decode_mesh(page: &[u8]) -> Result<Mesh, FormatError> {
     let bad = |why: String| FormatError::malformed("page", why);
-    let (vertices, triangles) = encoded_mesh_counts(page)?;
+    let (vertices, triangles) = mesh_counts(page)?;
     let mut r = ByteReader::new("page", page);
     r.u8()?;
     let flags = r.u8()?;

@@ -49,23 +49,36 @@ pub(super) fn code_normals<C: Coder>(
     let mut out = Vec::with_capacity(walked.positions.len());
     let surface = surface_normals(walked, expectation.by_angle);
     each_expected(walked, &surface, expectation.share, |vertex, (lower, expected)| {
-        let truth = truth.map_or(OctNormal::default(), |t| t[vertex]);
-        let truth = mirrored(truth.0.map(i32::from), lower);
-        let mut found = [0; 2];
-        let mut context = 2 * usize::from(walked.on_border[vertex]);
-        for i in 0..2 {
-            let residual = truth[i].wrapping_sub(expected[i]);
-            let residual = models[i].code(coder, context, residual);
-            context += usize::from(residual.unsigned_abs() >> shift > 2);
-            found[i] = expected[i].wrapping_add(residual);
-        }
-        // A damaged page may lead anywhere.
-        let found = found.map(|c| c.clamp(-LIMIT, LIMIT));
-        let normal = OctNormal(mirrored(found, lower).map(|c| c as i16)).canonical();
+        let context = 2 * usize::from(walked.on_border[vertex]);
+        let truth = truth.map(|t| t[vertex]);
+        let normal = code_normal(coder, &mut models, shift, context, (lower, expected), truth);
         out.push(normal);
         normal
     });
     out
+}
+
+/// Codes one normal that is expected at a place of the octahedron.
+#[inline(always)]
+pub(super) fn code_normal<C: Coder>(
+    coder: &mut C,
+    models: &mut [Signed<4>; 2],
+    shift: u32,
+    mut context: usize,
+    (lower, expected): (bool, [i32; 2]),
+    truth: Option<OctNormal>,
+) -> OctNormal {
+    let truth = mirrored(truth.unwrap_or_default().0.map(i32::from), lower);
+    let mut found = [0; 2];
+    for i in 0..2 {
+        let residual = truth[i].wrapping_sub(expected[i]);
+        let residual = models[i].code(coder, context, residual);
+        context += usize::from(residual.unsigned_abs() >> shift > 2);
+        found[i] = expected[i].wrapping_add(residual);
+    }
+    // A damaged page may lead anywhere.
+    let found = found.map(|c| c.clamp(-LIMIT, LIMIT));
+    OctNormal(mirrored(found, lower).map(|c| c as i16)).canonical()
 }
 
 /// The expectation with which normals cost least, and how far off it is in the mean.
@@ -191,7 +204,7 @@ fn angles(sides: &[[Lanes; 3]; 3], normal: &[Lanes; 3]) -> [Lanes; 3] {
 
 /// Whether a direction points down, and its place on the octahedron mirrored to point up: so that
 /// what is near in direction is near in numbers.
-fn on_octahedron([x, y, z]: [f32; 3]) -> (bool, [i32; 2]) {
+pub(super) fn on_octahedron([x, y, z]: [f32; 3]) -> (bool, [i32; 2]) {
     let sum = x.abs() + y.abs() + z.abs();
     if sum <= 0.0 || !sum.is_finite() {
         return (false, [0, 0]);

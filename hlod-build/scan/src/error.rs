@@ -159,10 +159,10 @@ pub enum ScanError {
         vertices: u64,
     },
 
-    /// Vertices without triangles.
+    /// Vertices without triangles where triangles are needed.
     #[error(
-        "{at}: {vertices} vertices but no faces; point clouds are not supported yet, \
-         reconstruct a surface first"
+        "{at}: {vertices} vertices but no faces; point clouds are read from PLY files with normals, \
+         so convert it, or reconstruct a surface first"
     )]
     PointsOnly {
         /// Which file.

@@ -136,6 +136,9 @@ pub struct ScanHeader {
     /// Whether the file knows no shared vertices (STL): then there are three vertices
     /// for each triangle, to be welded by equal position.
     pub is_triangle_soup: bool,
+    /// Whether the file holds points without triangles, and says so: then there are no triangle
+    /// batches.
+    pub is_point_cloud: bool,
 }
 
 /// How a scan is read.
@@ -226,6 +229,7 @@ impl ScanReader {
                 has_normals: opened.has_normals,
                 has_colours: opened.has_colours,
                 is_triangle_soup: opened.is_triangle_soup,
+                is_point_cloud: opened.is_point_cloud,
             },
             report,
             body: opened.body,
@@ -249,7 +253,7 @@ impl ScanReader {
     /// # Errors
     ///
     /// If the content is wrong or cut short, and, at the end, if there was no vertex
-    /// or no triangle.
+    /// or no triangle and the file is no point cloud.
     pub fn next_batch(&mut self) -> Result<Option<Batch>, ScanError> {
         if self.ended {
             return Ok(None);
@@ -285,6 +289,7 @@ impl ScanReader {
             (_, 1..) => Ok(()),
             (_, 0) if faces > 0 => Err(ScanError::AllDegenerate { at, faces }),
             (0, 0) => Err(ScanError::NoGeometry { at }),
+            (1.., 0) if self.header.is_point_cloud => Ok(()),
             (vertices, 0) => Err(ScanError::PointsOnly { at, vertices }),
         }
     }
@@ -297,6 +302,7 @@ struct Opened {
     has_normals: bool,
     has_colours: bool,
     is_triangle_soup: bool,
+    is_point_cloud: bool,
     body: Box<dyn ReadBatches>,
 }
 

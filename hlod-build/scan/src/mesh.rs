@@ -72,6 +72,11 @@ fn append(
     progress: &mut dyn FnMut(u64),
 ) -> Result<(), ScanError> {
     let header = reader.header().clone();
+    if header.is_point_cloud {
+        // Told at once, not after gigabytes of points.
+        let vertices = header.vertices_declared.unwrap_or_default();
+        return Err(ScanError::PointsOnly { at: Spot::new(&header.path, Place::File), vertices });
+    }
     let first_vertex = mesh.positions.len();
     let first_triangle = mesh.triangles.len();
     if header.has_colours {

@@ -60,6 +60,7 @@ pub(crate) fn open(
         has_normals,
         has_colours: points.has_colours,
         is_triangle_soup: false,
+        is_point_cloud: false,
         body: Box::new(ObjReader {
             path: input.path().to_path_buf(),
             points,

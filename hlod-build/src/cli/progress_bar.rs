@@ -48,6 +48,7 @@ impl Progress for Bars {
         let counts = match unit {
             Unit::Bytes => "{bytes}/{total_bytes} {bytes_per_sec}",
             Unit::Triangles => "{human_pos}/{human_len} triangles {per_sec}",
+            Unit::Points => "{human_pos}/{human_len} points {per_sec}",
             Unit::Nodes => "{human_pos}/{human_len} nodes {per_sec}",
             Unit::Steps => "{human_pos}/{human_len} steps",
         };

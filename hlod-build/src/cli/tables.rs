@@ -73,15 +73,21 @@ pub fn build(report: &BuildReport) -> String {
         sum(|s| s.bytes_written),
     ]);
     let odd = odd(report).map_or(String::new(), |odd| format!("\nodd: {odd}"));
-    let rate = report.triangles_input as f64 / costs.cpu_secs.max(1e-9) / 1e3;
+    let (count, one, many) = primitives(report.triangles_input, report.points_input);
+    let rate = count as f64 / costs.cpu_secs.max(1e-9) / 1e3;
     format!(
-        "{}: {} in {} nodes, {:.2} bytes a triangle\n{stages}\n{} triangles, {rate:.0} K a CPU second{odd}",
+        "{}: {} in {} nodes, {:.2} bytes a {one}\n{stages}\n{} {many}, {rate:.0} K a CPU second{odd}",
         report.output.display(),
         megabytes(report.bytes_total),
         report.nodes,
-        report.bytes_total as f64 / report.triangles_input.max(1) as f64,
-        grouped(report.triangles_input),
+        report.bytes_total as f64 / count.max(1) as f64,
+        grouped(count),
     )
+}
+
+/// How many there are of what a scan consists of, and what one and many of them are called.
+fn primitives(triangles: u64, points: u64) -> (u64, &'static str, &'static str) {
+    if points > 0 { (points, "point", "points") } else { (triangles, "triangle", "triangles") }
 }
 
 /// What is odd about the scans, in words; nothing where nothing is.
@@ -117,8 +123,8 @@ pub fn input_remarks(report: &ScanReport) -> Vec<String> {
 }
 
 pub fn info(info: &Info) -> String {
-    let triangles = info.triangles_input.max(1) as f64;
-    let mut parts = table(&["part", "bytes", "a triangle"]);
+    let (count, one, many) = primitives(info.triangles_input, info.points_input);
+    let mut parts = table(&["part", "bytes", &format!("a {one}")]);
     for (name, bytes) in [
         ("leaves", info.bytes_leaves),
         ("appearance, upper", info.bytes_appearance_upper),
@@ -126,7 +132,7 @@ pub fn info(info: &Info) -> String {
         ("header, skeleton", info.bytes_skeleton),
         ("file", info.bytes_total),
     ] {
-        parts.add_row([name, &grouped(bytes), &format!("{:.3}", bytes as f64 / triangles)]);
+        parts.add_row([name, &grouped(bytes), &format!("{:.3}", bytes as f64 / count.max(1) as f64)]);
     }
     let mut levels = table(&[
         "depth",
@@ -167,7 +173,7 @@ pub fn info(info: &Info) -> String {
         .collect();
     format!(
         "from         {}\nsize         {}, up {}, front {}\nprecision    {}\n\
-         triangles    {} read, {} nodes, R = {}, T = {}, {} × noise\nattributes   {}\nsurface      {}\n\
+         {many:<12} {} read, {} nodes, R = {}, T = {}, {} × noise\nattributes   {}\nsurface      {}\n\
          errors       {} against the scan file; {}\n\n{parts}\n\n{levels}\n\
          (triangles, points and normals: means a node; errors, of shape, of what is seen and of\n\
          borders between nodes: the largest of a depth, in the scan's unit)",
@@ -176,13 +182,15 @@ pub fn info(info: &Info) -> String {
         info.up,
         info.front,
         with_unit(length(info.precision_step), info.unit),
-        grouped(info.triangles_input),
+        grouped(count),
         grouped(info.nodes),
         info.resolution,
         info.leaf_triangles,
         info.normal_noise,
         info.attributes.join(", "),
-        if info.closed_oriented {
+        if info.points_input > 0 {
+            "none: a point cloud"
+        } else if info.closed_oriented {
             "closed, facing outwards"
         } else {
             "open or not consistently oriented"

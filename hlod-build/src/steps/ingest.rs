@@ -40,8 +40,10 @@ pub(crate) struct Account {
     pub(crate) min: [f64; 3],
     pub(crate) max: [f64; 3],
     pub(crate) has_colours: bool,
-    /// Whether some vertex has no normal.
-    pub(crate) lacks_normals: bool,
+    /// Vertices without a normal.
+    pub(crate) normals_lacking: u64,
+    /// Whether these are point clouds: then vertices are all there is.
+    pub(crate) is_cloud: bool,
     pub(crate) sources: Vec<Source>,
     pub(crate) reports: Vec<ScanReport>,
 }
@@ -116,13 +118,14 @@ fn read_all(
         min: [f64::INFINITY; 3],
         max: [f64::NEG_INFINITY; 3],
         has_colours: false,
-        lacks_normals: false,
+        normals_lacking: 0,
+        is_cloud: false,
         sources: Vec::new(),
         reports: Vec::new(),
     };
     let mut vertices = RecordWriter::create(&folder.file(VERTICES))?;
     let mut triangles = RecordWriter::create(&folder.file(TRIANGLES))?;
-    for path in inputs {
+    for (number, path) in inputs.iter().enumerate() {
         let mut bytes_before = 0;
         let mut advance = |bytes: u64| {
             progress.advance(bytes.saturating_sub(bytes_before));
@@ -140,6 +143,13 @@ fn read_all(
         };
         let header = reader.header().clone();
         account.has_colours |= header.has_colours;
+        if number > 0 && account.is_cloud != header.is_point_cloud {
+            return Err(BuildError::MixedInputs {
+                path: path.clone(),
+                is_cloud: header.is_point_cloud,
+            });
+        }
+        account.is_cloud = header.is_point_cloud;
         let first_vertex = account.vertices;
         // Three vertices in the 50 bytes that a triangle takes in STL, where nothing is declared.
         let vertices_max = header.vertices_declared.unwrap_or(header.file_bytes / 50 * 3);
@@ -161,7 +171,7 @@ fn read_all(
                             Some(normal) if soup.is_none() => normal.to_array(),
                             _ => [0.0; 3],
                         };
-                        account.lacks_normals |= normal == [0.0; 3];
+                        account.normals_lacking += u64::from(normal == [0.0; 3]);
                         for axis in 0..3 {
                             account.min[axis] = account.min[axis].min(p[axis]);
                             account.max[axis] = account.max[axis].max(p[axis]);
@@ -206,10 +216,15 @@ fn read_all(
             report.degenerate_faces += welded.degenerate;
             report.triangles -= welded.degenerate;
         }
-        if report.triangles == 0 {
+        if report.triangles == 0 && !account.is_cloud {
             return Err(BuildError::NoTriangles { path: path.clone(), faces: report.faces_read });
         }
         account.reports.push(report);
+    }
+    if account.is_cloud && account.normals_lacking > 0 {
+        let path = inputs[0].clone();
+        let (lacking, points) = (account.normals_lacking, account.vertices);
+        return Err(BuildError::NoNormals { path, lacking, points });
     }
     vertices.finish()?;
     triangles.finish()?;

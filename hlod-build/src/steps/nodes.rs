@@ -12,17 +12,19 @@ use bytemuck::{Pod, Zeroable};
 use hlod_compress::{CellKey, Mesh, NodeRecord, OctNormal};
 use rayon::prelude::*;
 
-use super::scatter::{CutTriangle, Subtree};
+use super::scatter::{CutTriangle, PlacedPoint, Subtree};
 use super::work_folder::WorkFolder;
 use crate::borders::Cube;
 use crate::certificate::{Carried, Deviation};
 use crate::cone::ConeBuilder;
 use crate::error::BuildError;
 use crate::hierarchy::{
-    BuiltNode, NODE_BYTES_A_TRIANGLE, NodeError, Piece, Pieces, Setting, build_inner, build_subtree,
+    BuiltNode, NODE_BYTES_A_TRIANGLE, NodeError, Piece, Pieces, Setting, build_inner, build_leaf,
+    build_subtree,
 };
 use crate::oddities::Oddities;
 use crate::partition::{Leaf, Vertex, cut_into_leaves};
+use crate::points::{Point, cloud};
 use crate::resources::give_back_memory;
 use crate::simplify::Source;
 use crate::spill::RecordReader;
@@ -47,24 +49,48 @@ pub(crate) fn build_subtree_step(
     folder: &WorkFolder,
     subtree: &Subtree,
     leaf_triangles: usize,
-    has_colours: bool,
     setting: &Setting<'_>,
 ) -> Result<(), BuildError> {
     let cell = subtree.cell();
     let names = Names::of(cell);
     folder.step(&names.step, &[&names.nodes, &names.pages], || {
-        let mesh = load(&folder.file(&subtree.file()), has_colours)?;
-        let leaves = cut_into_leaves(cell, mesh, &setting.lattice, leaf_triangles);
-        let of_leaf = |leaf: &Leaf| {
-            let lattice = &setting.lattice;
-            let units = lattice.cell_units(leaf.cell.depth());
-            Oddities::of_leaf(&leaf.mesh, &Cube { min: lattice.cell_min(leaf.cell), units })
+        let path = folder.file(&subtree.file());
+        let (leaves, oddities) = if setting.is_cloud {
+            (cloud_leaves(cell, &path, leaf_triangles, setting), Oddities::default())
+        } else {
+            surface_leaves(cell, load(&path, setting.has_colours)?, leaf_triangles, setting)
         };
-        let oddities = leaves.par_iter().map(of_leaf).reduce(Oddities::default, Oddities::plus);
+        let leaves = leaves.map_err(|error| said(error, folder))?;
         let (nodes, pieces) = build_subtree(cell, leaves, subtree.triangles, setting)
             .map_err(|error| said(error, folder))?;
         write(folder, &names, nodes, &pieces, oddities)
     })
+}
+
+type Leaves = Result<Vec<(BuiltNode, Piece)>, NodeError>;
+
+/// The leaves of a subtree, and what is odd about its triangles.
+fn surface_leaves(
+    cell: CellKey,
+    mesh: Mesh,
+    leaf_triangles: usize,
+    setting: &Setting<'_>,
+) -> (Leaves, Oddities) {
+    let leaves = cut_into_leaves(cell, mesh, &setting.lattice, leaf_triangles);
+    let of_leaf = |leaf: &Leaf| {
+        let lattice = &setting.lattice;
+        let units = lattice.cell_units(leaf.cell.depth());
+        Oddities::of_leaf(&leaf.mesh, &Cube { min: lattice.cell_min(leaf.cell), units })
+    };
+    let oddities = leaves.par_iter().map(of_leaf).reduce(Oddities::default, Oddities::plus);
+    (leaves.into_par_iter().map(|leaf| build_leaf(leaf, setting)).collect(), oddities)
+}
+
+/// The leaves of a subtree of a point cloud.
+fn cloud_leaves(cell: CellKey, path: &Path, leaf_points: usize, setting: &Setting<'_>) -> Leaves {
+    let points = load_points(path).map_err(NodeError::Build)?;
+    let leaves = cloud::split_into_leaves(cell, points, &setting.lattice, leaf_points);
+    leaves.into_par_iter().map(|leaf| cloud::build_leaf(leaf, setting)).collect()
 }
 
 /// Builds one node from what is below and writes it.
@@ -115,6 +141,7 @@ fn said(error: NodeError, folder: &WorkFolder) -> BuildError {
             needed_bytes,
             budget_bytes,
         },
+        NodeError::Build(error) => error,
         NodeError::Stopped => BuildError::Stopped(folder.file("")),
     }
 }
@@ -135,6 +162,22 @@ fn load(path: &Path, has_colours: bool) -> Result<Mesh, BuildError> {
         mesh.triangles.push(triangle);
     }
     Ok(mesh)
+}
+
+/// A cell's points in the order of the scan.
+fn load_points(path: &Path) -> Result<Vec<Point>, BuildError> {
+    let mut placed: Vec<PlacedPoint> = RecordReader::all(path)?;
+    placed.sort_unstable_by_key(|point| point.index);
+    let point = |PlacedPoint { vertex, .. }: PlacedPoint| Point {
+        position: vertex.position,
+        normal: vertex.normal,
+        colour: vertex.colour,
+        weight: 1,
+        reach: 0.0,
+        moved: 0.0,
+        turned: 0.0,
+    };
+    Ok(placed.into_iter().map(point).collect())
 }
 
 fn write(
@@ -172,7 +215,7 @@ fn write(
         depth: cell.depth().into(),
         morton: cell.morton(),
         is_leaf: piece.is_leaf.into(),
-        triangles: piece.source.mesh.triangles.len() as u64,
+        triangles: piece.primitives() as u64,
         bytes: blob.len() as u64,
     };
     out.0.extend_from_slice(bytemuck::bytes_of(&oddities.to_array()));
@@ -192,6 +235,7 @@ struct Row {
     depth: u64,
     morton: u64,
     is_leaf: u64,
+    /// Or points.
     triangles: u64,
     bytes: u64,
 }
@@ -269,7 +313,8 @@ impl Writer {
     }
 
     fn piece(&mut self, piece: &Piece) {
-        let Piece { source: Source { mesh, carried, smoothing, border }, cone, bounds, .. } = piece;
+        let Piece { source, points, cone, bounds, is_leaf: _ } = piece;
+        let Source { mesh, carried, smoothing, border } = source;
         self.array(&[*smoothing]);
         self.array(&[*border]);
         self.array(cone.bins());
@@ -282,6 +327,7 @@ impl Writer {
         let carried: Vec<[[f64; 2]; 2]> =
             carried.iter().map(|c| [numbers(c.forward), numbers(c.backward)]).collect();
         self.array(&carried);
+        self.array(points);
     }
 }
 
@@ -352,6 +398,6 @@ impl Reader<'_> {
             Carried { forward: deviation(forward), backward: deviation(backward) }
         });
         let source = Source { mesh, carried: carried.collect(), smoothing, border };
-        Ok(Piece { source, is_leaf, cone, bounds })
+        Ok(Piece { source, points: self.array()?, is_leaf, cone, bounds })
     }
 }

@@ -1,4 +1,4 @@
-//! Cuts the scan's triangles into the cells of the subtrees.
+//! Cuts the scan's triangles into the cells of the subtrees, or sorts its points into them.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::PathBuf;
@@ -8,12 +8,13 @@ use hlod_compress::{CellKey, Lattice, Mesh};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::ingest::TRIANGLES;
+use super::ingest::{Account, TRIANGLES};
 use super::join::{Event, join};
 use super::survey::{PLACED, PlacedVertex, Survey};
 use super::work_folder::WorkFolder;
 use crate::error::BuildError;
 use crate::partition::{Vertex, octants};
+use crate::points::cloud::octant_of;
 use crate::progress::{Progress, Unit};
 use crate::spill::{RecordReader, append_records};
 
@@ -29,11 +30,22 @@ pub(crate) struct CutTriangle {
     padding: u32,
 }
 
+/// A point of the scan.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct PlacedPoint {
+    /// Its number in the scan.
+    pub(crate) index: u64,
+    pub(crate) vertex: PlacedVertex,
+    padding: u32,
+}
+
 /// A subtree to be built.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Subtree {
     depth: u8,
     morton: u64,
+    /// Of a point cloud, points.
     pub(crate) triangles: u64,
 }
 
@@ -60,15 +72,25 @@ fn file_of(cell: CellKey) -> String {
 pub(crate) fn scatter(
     folder: &WorkFolder,
     survey: &Survey,
-    triangles: u64,
+    account: &Account,
     subtree_triangles: u64,
     memory_bytes: usize,
     progress: &dyn Progress,
 ) -> Result<Vec<Subtree>, BuildError> {
     let plan_file = folder.file(PLAN);
     if !folder.is_done("scatter") {
-        progress.begin("partition", triangles, Unit::Triangles);
-        let subtrees = cut_all(folder, survey, subtree_triangles, memory_bytes, progress)?;
+        let counts = if account.is_cloud {
+            progress.begin("partition", account.vertices, Unit::Points);
+            sort_all(folder, survey, memory_bytes, progress)?
+        } else {
+            progress.begin("partition", account.triangles, Unit::Triangles);
+            cut_all(folder, survey, memory_bytes, progress)?
+        };
+        let lattice = survey.lattice();
+        let split: SplitFile = if account.is_cloud { split_points } else { split_triangles };
+        let counts = split_full(folder, &lattice, counts, subtree_triangles, memory_bytes, split)?;
+        let subtrees = counts.into_iter().map(|(cell, triangles)| Subtree::new(cell, triangles));
+        let subtrees: Vec<Subtree> = subtrees.collect();
         super::write_json(&plan_file, &subtrees)?;
         let files: Vec<String> = subtrees.iter().map(Subtree::file).collect();
         let files: Vec<&str> =
@@ -84,17 +106,57 @@ pub(crate) fn read_plan(folder: &WorkFolder) -> Result<Vec<Subtree>, BuildError>
     super::read_json(&folder.file(PLAN))
 }
 
+/// How many pieces each cell has.
+type Counts = BTreeMap<CellKey, u64>;
+
+fn cells_to_split(folder: &WorkFolder, survey: &Survey) -> Result<HashSet<CellKey>, BuildError> {
+    let split = survey.split.iter().map(|&(depth, morton)| CellKey::from_parts(depth, morton));
+    split.collect::<Result<HashSet<_>, _>>().map_err(BuildError::format(&folder.file(PLAN)))
+}
+
+fn sort_all(
+    folder: &WorkFolder,
+    survey: &Survey,
+    memory_bytes: usize,
+    progress: &dyn Progress,
+) -> Result<Counts, BuildError> {
+    let (lattice, split) = (survey.lattice(), cells_to_split(folder, survey)?);
+    let mut cells = Cells::new(folder, memory_bytes / 4);
+    let mut reader = RecordReader::<PlacedVertex>::open(&folder.file(PLACED))?;
+    let mut index = 0;
+    while reader.left() > 0 {
+        folder.check_stop(progress)?;
+        let batch = reader.next(1 << 16)?;
+        progress.advance(batch.len() as u64);
+        for vertex in batch {
+            let point = PlacedPoint { index, vertex, padding: 0 };
+            cells.put(cell_of(&point, CellKey::ROOT, &split, &lattice), point)?;
+            index += 1;
+        }
+    }
+    cells.finish()
+}
+
+/// The cell that is not split in which a point lies.
+fn cell_of(
+    point: &PlacedPoint,
+    mut cell: CellKey,
+    split: &HashSet<CellKey>,
+    lattice: &Lattice,
+) -> CellKey {
+    while split.contains(&cell) && cell.depth() < lattice.depth_max {
+        cell = cell.child(octant_of(point.vertex.position, cell, lattice));
+    }
+    cell
+}
+
 fn cut_all(
     folder: &WorkFolder,
     survey: &Survey,
-    subtree_triangles: u64,
     memory_bytes: usize,
     progress: &dyn Progress,
-) -> Result<Vec<Subtree>, BuildError> {
-    let lattice = survey.lattice();
-    let split = survey.split.iter().map(|&(depth, morton)| CellKey::from_parts(depth, morton));
-    let split =
-        split.collect::<Result<HashSet<_>, _>>().map_err(BuildError::format(&folder.file(PLAN)))?;
+) -> Result<Counts, BuildError> {
+    let (lattice, split) = (survey.lattice(), cells_to_split(folder, survey)?);
     let mut cells = Cells::new(folder, memory_bytes / 4);
     let (placed, triangles) = (folder.file(PLACED), folder.file(TRIANGLES));
     join::<PlacedVertex>(
@@ -121,29 +183,68 @@ fn cut_all(
             cut.into_iter().flatten().try_for_each(|(cell, piece)| cells.put(cell, piece))
         },
     )?;
-    let mut counts = cells.finish()?;
-    // Cells that are still too full, where the scan is very dense.
+    cells.finish()
+}
+
+/// Divides what is in the file of a cell among its octants.
+type SplitFile =
+    fn(&WorkFolder, CellKey, &Lattice, usize) -> Result<BTreeMap<CellKey, u64>, BuildError>;
+
+/// Splits cells that are still too full, where the scan is very dense.
+fn split_full(
+    folder: &WorkFolder,
+    lattice: &Lattice,
+    mut counts: Counts,
+    subtree_triangles: u64,
+    memory_bytes: usize,
+    split: SplitFile,
+) -> Result<Counts, BuildError> {
     loop {
         let fullest = counts.iter().find(|(cell, count)| {
             **count > 2 * subtree_triangles && cell.depth() < lattice.depth_max
         });
-        let Some((&cell, _)) = fullest else { break };
+        let Some((&cell, _)) = fullest else { return Ok(counts) };
         counts.remove(&cell);
-        let mut cells = Cells::new(folder, memory_bytes / 4);
+        counts.extend(split(folder, cell, lattice, memory_bytes)?);
         let path = folder.file(&file_of(cell));
-        let mut reader = RecordReader::<CutTriangle>::open(&path)?;
-        let split = HashSet::from([cell]);
-        let mut out = Vec::new();
-        while reader.left() > 0 {
-            for piece in reader.next(1 << 14)? {
-                route(piece, cell, &split, &lattice, &mut out);
-            }
-            out.drain(..).try_for_each(|(cell, piece)| cells.put(cell, piece))?;
-        }
-        counts.extend(cells.finish()?);
         std::fs::remove_file(&path).map_err(BuildError::io(&path, "remove"))?;
     }
-    Ok(counts.into_iter().map(|(cell, triangles)| Subtree::new(cell, triangles)).collect())
+}
+
+fn split_triangles(
+    folder: &WorkFolder,
+    cell: CellKey,
+    lattice: &Lattice,
+    memory_bytes: usize,
+) -> Result<Counts, BuildError> {
+    let mut cells = Cells::new(folder, memory_bytes / 4);
+    let mut reader = RecordReader::<CutTriangle>::open(&folder.file(&file_of(cell)))?;
+    let split = HashSet::from([cell]);
+    let mut out = Vec::new();
+    while reader.left() > 0 {
+        for piece in reader.next(1 << 14)? {
+            route(piece, cell, &split, lattice, &mut out);
+        }
+        out.drain(..).try_for_each(|(cell, piece)| cells.put(cell, piece))?;
+    }
+    cells.finish()
+}
+
+fn split_points(
+    folder: &WorkFolder,
+    cell: CellKey,
+    lattice: &Lattice,
+    memory_bytes: usize,
+) -> Result<Counts, BuildError> {
+    let mut cells = Cells::new(folder, memory_bytes / 4);
+    let mut reader = RecordReader::<PlacedPoint>::open(&folder.file(&file_of(cell)))?;
+    let split = HashSet::from([cell]);
+    while reader.left() > 0 {
+        for point in reader.next(1 << 14)? {
+            cells.put(cell_of(&point, cell, &split, lattice), point)?;
+        }
+    }
+    cells.finish()
 }
 
 /// Cuts a triangle until every piece lies in one cell that is not split. Triangles without an area
@@ -205,28 +306,28 @@ fn route_pieces(
     }
 }
 
-/// Files of cells that turn up as triangles come.
-struct Cells<'a> {
+/// Files of cells that turn up as triangles or points come.
+struct Cells<'a, T> {
     folder: &'a WorkFolder,
-    pending: HashMap<CellKey, Vec<CutTriangle>>,
+    pending: HashMap<CellKey, Vec<T>>,
     counts: BTreeMap<CellKey, u64>,
     pending_count: usize,
     pending_max: usize,
 }
 
-impl<'a> Cells<'a> {
-    fn new(folder: &'a WorkFolder, bytes: usize) -> Cells<'a> {
+impl<'a, T: Pod + Send + Sync> Cells<'a, T> {
+    fn new(folder: &'a WorkFolder, bytes: usize) -> Self {
         Cells {
             folder,
             pending: HashMap::new(),
             counts: BTreeMap::new(),
             pending_count: 0,
             // Vectors grow by doubling.
-            pending_max: (bytes / size_of::<CutTriangle>() / 2).max(1),
+            pending_max: (bytes / size_of::<T>() / 2).max(1),
         }
     }
 
-    fn put(&mut self, cell: CellKey, piece: CutTriangle) -> Result<(), BuildError> {
+    fn put(&mut self, cell: CellKey, piece: T) -> Result<(), BuildError> {
         self.pending.entry(cell).or_default().push(piece);
         self.pending_count += 1;
         if self.pending_count >= self.pending_max { self.append() } else { Ok(()) }
@@ -234,7 +335,7 @@ impl<'a> Cells<'a> {
 
     fn append(&mut self) -> Result<(), BuildError> {
         // A file each, so that all threads can write.
-        let pending: Vec<(CellKey, Vec<CutTriangle>)> = self.pending.drain().collect();
+        let pending: Vec<(CellKey, Vec<T>)> = self.pending.drain().collect();
         pending.par_iter().try_for_each(|(cell, pieces)| {
             let path: PathBuf = self.folder.file(&file_of(*cell));
             // A file of that name may be left of a run that was stopped.

@@ -13,7 +13,8 @@ use super::ingest::{Account, ScanVertex, TRIANGLES, VERTICES};
 use super::join::{Event, Joined, join};
 use super::work_folder::WorkFolder;
 use crate::error::BuildError;
-use crate::ingest::{Precision, choose_step};
+use crate::ingest::{Precision, choose_cloud_step, choose_step};
+use crate::points::cloud::octant_of;
 use crate::progress::{Progress, Unit};
 use crate::spill::{Buckets, RecordReader, RecordWriter};
 
@@ -65,7 +66,11 @@ pub(crate) fn survey(
 ) -> Result<Survey, BuildError> {
     let survey_file = folder.file(SURVEY);
     folder.step("survey", &[PLACED, SURVEY], || {
-        let survey = take(folder, account, precision, subtree_triangles, memory_bytes, progress)?;
+        let survey = if account.is_cloud {
+            take_cloud(folder, account, precision, subtree_triangles, progress)?
+        } else {
+            take(folder, account, precision, subtree_triangles, memory_bytes, progress)?
+        };
         super::write_json(&survey_file, &survey)
     })?;
     read_survey(folder)
@@ -147,6 +152,49 @@ fn take(
         closed_oriented: totals.bounds_a_volume(),
         vertices_unused,
         split: plan(counts, depth, subtree_triangles),
+    })
+}
+
+/// The same of a point cloud.
+fn take_cloud(
+    folder: &WorkFolder,
+    account: &Account,
+    precision: Option<f64>,
+    subtree_points: u64,
+    progress: &dyn Progress,
+) -> Result<Survey, BuildError> {
+    let (step, precision) = choose_cloud_step(&folder.file(VERTICES), precision)?;
+    let lattice = Lattice::enclosing(account.min, account.max, step);
+    let depth = COUNT_DEPTH.min(lattice.depth_max);
+    progress.begin("survey", account.vertices, Unit::Points);
+    let sums = Sums::create(folder, account, 0)?;
+    let bounds = place_vertices(folder, account, &lattice, sums)?;
+    let mut counts = vec![0u32; 1 << (3 * depth)];
+    let mut reader = RecordReader::<PlacedVertex>::open(&folder.file(PLACED))?;
+    while reader.left() > 0 {
+        folder.check_stop(progress)?;
+        let batch = reader.next(1 << 16)?;
+        for vertex in &batch {
+            let cell = (0..depth).fold(CellKey::ROOT, |cell, _| {
+                cell.child(octant_of(vertex.position, cell, &lattice))
+            });
+            let count = &mut counts[cell.morton() as usize];
+            *count = count.saturating_add(1);
+        }
+        progress.advance(batch.len() as u64);
+    }
+    progress.end();
+    Ok(Survey {
+        origin: lattice.origin,
+        step: lattice.step,
+        root_units: lattice.root_units,
+        depth_max: lattice.depth_max,
+        precision,
+        bounds,
+        triangles_degenerate: 0,
+        closed_oriented: false,
+        vertices_unused: 0,
+        split: plan(counts, depth, subtree_points),
     })
 }
 
@@ -238,9 +286,9 @@ impl Sums {
         memory_bytes: usize,
     ) -> Result<Sums, BuildError> {
         let file = folder.file(SUMS);
-        let writer = account.lacks_normals.then(|| RecordWriter::create(&file)).transpose()?;
+        let writer = (account.normals_lacking > 0).then(|| RecordWriter::create(&file)).transpose()?;
         Ok(Sums {
-            needed: account.lacks_normals,
+            needed: account.normals_lacking > 0,
             file,
             writer,
             first: 0,

@@ -25,7 +25,7 @@ pub(super) fn check(
     let views: Vec<Stored> = node
         .representations
         .iter()
-        .map(|r| Ok(Stored::new(node.cell, r, check_page(file, node, r)?, originals)))
+        .map(|r| Ok(Stored::new(node.cell, r, check_page(file, node, r)?.mesh, originals)))
         .collect::<Result<_, String>>()?;
     let blocks = originals.blocks(node.cell);
     // Findings of blocks are combined by their largest, in which order makes no difference.
@@ -54,6 +54,7 @@ pub(super) fn check(
             independent_bound: largest(|f| f.distance.bound) * step,
             normal_allowed_deg: view.normal_allowed_deg,
             normal_sampled_deg: found.iter().map(|f| f[i].normal_deg).fold(0.0, f32::max),
+            points_uncovered: 0,
         }
     };
     Ok(views.iter().zip(&node.representations).enumerate().map(check).collect())

@@ -106,7 +106,7 @@ pub(super) fn compare(
             .map(|cell| {
                 let nothing = Expected::default();
                 let mesh = match batch.get(cell) {
-                    Some(leaf) => check_page(file, leaf, leaf.representations.first()?).ok()?,
+                    Some(leaf) => check_page(file, leaf, leaf.representations.first()?).ok()?.mesh,
                     None => Mesh::default(),
                 };
                 let why = difference(&mesh, expected.get(cell).unwrap_or(&nothing))?;
@@ -119,7 +119,7 @@ pub(super) fn compare(
     Ok(out)
 }
 
-fn total_bytes(paths: &[PathBuf]) -> Result<u64, BuildError> {
+pub(super) fn total_bytes(paths: &[PathBuf]) -> Result<u64, BuildError> {
     let size = |path: &PathBuf| {
         std::fs::metadata(path).map(|m| m.len()).map_err(BuildError::io(path, "read"))
     };
@@ -177,7 +177,7 @@ impl Vertices {
     }
 }
 
-fn each_batch(
+pub(super) fn each_batch(
     path: &Path,
     progress: &dyn Progress,
     visit: &mut dyn FnMut(Batch),
@@ -198,7 +198,7 @@ fn each_batch(
     Ok(())
 }
 
-fn round_to(lattice: &Lattice, p: [f64; 3]) -> [i32; 3] {
+pub(super) fn round_to(lattice: &Lattice, p: [f64; 3]) -> [i32; 3] {
     std::array::from_fn(|i| ((p[i] - lattice.origin[i]) / lattice.step).round() as i32)
 }
 

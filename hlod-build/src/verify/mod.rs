@@ -17,12 +17,14 @@ mod inner;
 mod leaves;
 mod normals;
 mod originals;
+mod points;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use hlod_compress::{
-    CellKey, FormatError, HlodFile, Mesh, NodeRecord, Representation, decode_mesh,
+    CellKey, FormatError, HlodFile, NodeRecord, PageContent, PageCounts, Representation,
+    decode_page,
 };
 use rayon::prelude::*;
 use serde::Serialize;
@@ -44,6 +46,8 @@ pub struct VerifyReport {
     /// Representations of which a sample's normal is farther from all normals within the stored
     /// error than the stored deviation.
     pub nodes_over_normal_bound: u64,
+    /// Points of a point cloud that lie in no ball of a node that stands for them.
+    pub points_uncovered: u64,
     /// Median of stored error ÷ largest sample, over representations with an error.
     pub tightness_median: f64,
     /// 95th percentile of the same.
@@ -72,6 +76,7 @@ impl VerifyReport {
         self.nodes_over_bound > 0
             || self.nodes_over_normal_bound > 0
             || self.leaves_differ > 0
+            || self.points_uncovered > 0
             || !self.problems.is_empty()
     }
 }
@@ -83,7 +88,7 @@ pub struct RepresentationCheck {
     pub cell: String,
     /// Depth of the node.
     pub depth: u8,
-    /// `appearance` or `geometric`.
+    /// `appearance`, `geometric` or `points`.
     pub kind: &'static str,
     /// Stored error in the source's unit.
     pub stored: f64,
@@ -96,6 +101,8 @@ pub struct RepresentationCheck {
     /// A deviation that some sample has at least. Samples are looked into no further than is
     /// needed to see that they do not exceed what is allowed.
     pub normal_sampled_deg: f32,
+    /// Points of the scan that none of its points' balls holds.
+    pub points_uncovered: u64,
 }
 
 /// What is checked, and with how much memory.
@@ -151,10 +158,14 @@ pub fn verify(
     progress.end();
     check_monotone(&nodes, &mut problems);
 
+    let is_cloud = file.header().points_input > 0;
     let mut leaves_differ = 0;
     if !options.against.is_empty() {
-        let differing =
-            leaves::compare(&file, &nodes, &options.against, options.memory_bytes, progress)?;
+        let differing = if is_cloud {
+            points::compare(&file, &nodes, &options.against, progress)?
+        } else {
+            leaves::compare(&file, &nodes, &options.against, options.memory_bytes, progress)?
+        };
         leaves_differ = differing.len() as u64;
         problems.extend(differing);
     }
@@ -164,9 +175,14 @@ pub fn verify(
     let sampled: Vec<&NodeRecord> =
         nodes.iter().filter(|node| sampled.contains(&node.cell)).collect();
     let triangles = sampled.iter().map(|node| originals.triangles_below(node.cell)).sum();
-    progress.begin("sample", triangles, Unit::Triangles);
+    let (unit, check) = if is_cloud {
+        (Unit::Points, points::check as Check)
+    } else {
+        (Unit::Triangles, inner::check as Check)
+    };
+    progress.begin("sample", triangles, unit);
     let found: Vec<Result<Vec<RepresentationCheck>, String>> =
-        sampled.par_iter().map(|node| inner::check(&file, node, &originals, progress)).collect();
+        sampled.par_iter().map(|node| check(&file, node, &originals, progress)).collect();
     progress.end();
     let mut checks = Vec::new();
     for found in found {
@@ -194,6 +210,9 @@ pub fn verify(
             c.cell, c.kind, c.normal_sampled_deg, c.normal_allowed_deg
         )
     }));
+    problems.extend(checks.iter().filter(|c| c.points_uncovered > 0).map(|c| {
+        format!("node {}: {} points of the scan lie in no ball", c.cell, c.points_uncovered)
+    }));
     problems.truncate(PROBLEMS_MAX);
     let mut tightness: Vec<f64> =
         checks.iter().filter(|c| c.sampled > 0.0).map(|c| c.stored / c.sampled).collect();
@@ -210,6 +229,7 @@ pub fn verify(
         representations_sampled: checks.len() as u64,
         nodes_over_bound,
         nodes_over_normal_bound,
+        points_uncovered: checks.iter().map(|c| c.points_uncovered).sum(),
         tightness_median: percentile(0.5),
         tightness_p95: percentile(0.95),
         independent_ratio_max: checks.iter().map(ratio).fold(0.0, f64::max),
@@ -219,6 +239,14 @@ pub fn verify(
         representations: checks,
     })
 }
+
+/// Checks one inner node.
+type Check = fn(
+    &HlodFile,
+    &NodeRecord,
+    &Originals<'_>,
+    &dyn Progress,
+) -> Result<Vec<RepresentationCheck>, String>;
 
 /// A share of the inner nodes of each depth, evenly spread over their order.
 fn choose(nodes: &[NodeRecord], share: f64) -> BTreeSet<CellKey> {
@@ -236,24 +264,40 @@ fn choose(nodes: &[NodeRecord], share: f64) -> BTreeSet<CellKey> {
 }
 
 /// Reads and decodes one page and compares it with the node's record.
-fn check_page(file: &HlodFile, node: &NodeRecord, r: &Representation) -> Result<Mesh, String> {
+fn check_page(
+    file: &HlodFile,
+    node: &NodeRecord,
+    r: &Representation,
+) -> Result<PageContent, String> {
     let cell = node.cell;
-    let read = || -> Result<Mesh, FormatError> { decode_mesh(&file.read_page(r.page)?) };
-    let mesh = read().map_err(|error| format!("node {cell}: {error}"))?;
-    if (mesh.positions.len(), mesh.triangles.len()) != (r.vertices as usize, r.triangles as usize) {
+    let read = || -> Result<PageContent, FormatError> { decode_page(&file.read_page(r.page)?) };
+    let content = read().map_err(|error| format!("node {cell}: {error}"))?;
+    let PageContent { mesh, points } = &content;
+    let found = PageCounts {
+        vertices: mesh.positions.len() as u32,
+        triangles: mesh.triangles.len() as u32,
+        points: points.len() as u32,
+    };
+    if found != (PageCounts { vertices: r.vertices, triangles: r.triangles, points: r.points }) {
         return Err(format!("node {cell}: its page holds other counts than its record"));
     }
     let lattice = file.header().lattice;
+    if points.largest_radius_steps() * lattice.step > f64::from(r.cover_radius) * (1.0 + 1e-6) {
+        return Err(format!("node {cell}: a point is larger than its record says"));
+    }
     let (lo, edge) = (lattice.cell_min(cell), lattice.cell_units(cell.depth()) as i32);
-    for p in &mesh.positions {
-        if (0..3).any(|i| p[i] < lo[i] || p[i] > lo[i] + edge) {
+    // Points are moved by rounding, out of their cell as well.
+    let margin = (f64::from(r.errors.geometric) / lattice.step).ceil() as i32;
+    let margins = mesh.positions.iter().map(|p| (p, 0));
+    for (p, margin) in margins.chain(points.positions.iter().map(|p| (p, margin))) {
+        if (0..3).any(|i| p[i] < lo[i] - margin || p[i] > lo[i] + edge + margin) {
             return Err(format!("node {cell}: position {p:?} lies outside its cell"));
         }
         if (0..3).any(|i| p[i] < node.bounds[0][i] || p[i] > node.bounds[1][i]) {
             return Err(format!("node {cell}: position {p:?} lies outside its bounds"));
         }
     }
-    Ok(mesh)
+    Ok(content)
 }
 
 /// A parent's bounds must hold its children's.

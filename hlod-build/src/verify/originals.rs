@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use hlod_compress::{CellKey, HlodFile, Lattice, Mesh, NodeRecord, decode_mesh};
+use hlod_compress::{CellKey, HlodFile, Lattice, Mesh, NodeRecord, PageContent, Representation, decode_page};
 
 /// A file's leaves, found by cell and by bounds, read when they are asked for.
 pub(super) struct Originals<'a> {
@@ -26,7 +26,8 @@ impl<'a> Originals<'a> {
     ) -> Originals<'a> {
         let mut triangles_below: BTreeMap<CellKey, u64> = BTreeMap::new();
         for leaf in nodes.iter().filter(|node| node.is_leaf()) {
-            let triangles = leaf.representations.first().map_or(0, |r| u64::from(r.triangles));
+            let primitives = |r: &Representation| u64::from(r.triangles) + u64::from(r.points);
+            let triangles = leaf.representations.first().map_or(0, primitives);
             let mut cell = Some(leaf.cell);
             while let Some(at) = cell {
                 *triangles_below.entry(at).or_default() += triangles;
@@ -41,7 +42,7 @@ impl<'a> Originals<'a> {
         &self.file.header().lattice
     }
 
-    /// Triangles of all leaves in a cell.
+    /// Triangles, of a point cloud points, of all leaves in a cell.
     pub(super) fn triangles_below(&self, cell: CellKey) -> u64 {
         self.triangles_below.get(&cell).copied().unwrap_or(0)
     }
@@ -110,12 +111,27 @@ impl<'a> Originals<'a> {
         if !node.is_leaf() {
             return self.children(cell).try_for_each(|child| self.collect(child, is_wanted, out));
         }
-        for representation in &node.representations {
-            let page = self.file.read_page(representation.page);
-            let mesh = page.and_then(|bytes| decode_mesh(&bytes));
-            out.push(mesh.map_err(|error| format!("leaf {cell}: {error}"))?);
-        }
+        out.push(self.read(node)?.mesh);
         Ok(())
+    }
+
+    /// The leaves in a cell, to be read one by one.
+    pub(super) fn leaves(&self, cell: CellKey) -> Vec<&'a NodeRecord> {
+        match self.nodes.get(&cell) {
+            Some(node) if node.is_leaf() => vec![node],
+            Some(_) => self.children(cell).flat_map(|child| self.leaves(child)).collect(),
+            None => Vec::new(),
+        }
+    }
+
+    /// What a leaf holds.
+    pub(super) fn read(&self, leaf: &NodeRecord) -> Result<PageContent, String> {
+        let Some(representation) = leaf.representations.first() else {
+            return Ok(PageContent::default());
+        };
+        let page = self.file.read_page(representation.page);
+        let content = page.and_then(|bytes| decode_page(&bytes));
+        content.map_err(|error| format!("leaf {}: {error}", leaf.cell))
     }
 
     fn children(&self, cell: CellKey) -> impl Iterator<Item = CellKey> + '_ {

@@ -64,24 +64,10 @@ impl PlyReader {
         };
         PlyReader { plans, plan: 0, body }
     }
-
-    /// Whether any record can yield a triangle.
-    fn has_surface(&self) -> bool {
-        self.plans.iter().any(|plan| {
-            plan.element.count > 0 && matches!(plan.role, Role::Faces(_) | Role::Strips(_))
-        })
-    }
 }
 
 impl ReadBatches for PlyReader {
     fn next_batch(&mut self, report: &mut ScanReport) -> Result<Option<Batch>, ScanError> {
-        // Tell at once, not after gigabytes of points.
-        if self.body.vertex_count > 0 && !self.has_surface() {
-            return Err(ScanError::PointsOnly {
-                at: Spot::new(self.body.values.input.path(), Place::File),
-                vertices: self.body.vertex_count.into(),
-            });
-        }
         while let Some(plan) = self.plans.get(self.plan) {
             if self.body.record == plan.element.count {
                 self.plan += 1;
