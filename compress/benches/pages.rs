@@ -8,7 +8,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use hlod_compress::{
-    HlodFile, Mesh, OctNormal, RepresentationKind, decode_mesh, encode_mesh_with_account,
+    HlodFile, Mesh, OctNormal, RepresentationKind, decode_page, encode_mesh_with_account,
 };
 
 type Error = Box<dyn std::error::Error>;
@@ -41,7 +41,7 @@ fn pages(path: &Path, kind: RepresentationKind) -> Result<Vec<(Mesh, u8)>, Error
     let mut out = Vec::new();
     for node in file.read_skeleton()? {
         for r in node.representations.iter().filter(|r| r.kind == kind) {
-            let mesh = decode_mesh(&file.read_page(r.page)?)?;
+            let mesh = decode_page(&file.read_page(r.page)?)?.mesh;
             let lowest = mesh.bounds().unwrap_or_default().0;
             let offsets = mesh.positions.iter().flat_map(|p| [0, 1, 2].map(|i| p[i] - lowest[i]));
             let shift = offsets.fold(0, |all, offset| all | offset).trailing_zeros().min(30);
@@ -61,7 +61,7 @@ fn measure(what: &str, pages: &[(Mesh, u8)]) -> Result<(), Error> {
     println!("\n{what}: {} pages, {triangles} triangles, {vertices} vertices", pages.len());
     println!(" {:<16} {:>12} {:>14} {:>14}", "codec", "B/triangle", "encode, M/s", "decode, M/s");
     let ours = |mesh: &Mesh, shift| Ok(encode_mesh_with_account(mesh, shift)?.0);
-    let ours_back = |bytes: &[u8], _: &Mesh| Ok(decode_mesh(bytes)?.triangles.len());
+    let ours_back = |bytes: &[u8], _: &Mesh| Ok(decode_page(bytes)?.mesh.triangles.len());
     let zstd = |mesh: &Mesh, _| Ok(zstd::bulk::compress(&meshopt_streams(mesh)?, 9)?);
     let zstd_back = |bytes: &[u8], mesh: &Mesh| {
         let limit = 64 * (mesh.positions.len() + mesh.triangles.len()) + 4096;

@@ -58,6 +58,43 @@ impl std::str::FromStr for Unit {
     }
 }
 
+/// What levels above the leaves are drawn with, where the scan has triangles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+#[non_exhaustive]
+#[repr(u8)]
+pub enum Primitives {
+    /// Triangles.
+    #[default]
+    Triangles = 0,
+    /// Triangles, and points where triangles are smaller than a pixel and points cost less.
+    Hybrid = 1,
+    /// Points.
+    Points = 2,
+}
+
+impl Primitives {
+    const ALL: [(Primitives, &'static str); 3] = [
+        (Primitives::Triangles, "triangles"),
+        (Primitives::Hybrid, "hybrid"),
+        (Primitives::Points, "points"),
+    ];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        Self::ALL[self as usize].1
+    }
+}
+
+impl std::str::FromStr for Primitives {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Primitives, String> {
+        let found = Self::ALL.iter().find(|(_, name)| *name == text);
+        found
+            .map(|(primitives, _)| *primitives)
+            .ok_or_else(|| "expected triangles, hybrid or points".into())
+    }
+}
+
 /// A coordinate axis with a sign.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SignedAxis {
@@ -186,6 +223,10 @@ pub struct Header {
     /// Build option: differences of normals below this many times the normals' noise in a node did
     /// not count as shading.
     pub normal_noise: f32,
+    /// Build option: what levels above the leaves are drawn with.
+    pub primitives: Primitives,
+    /// Build option: what drawing a point was taken to cost, in triangles.
+    pub point_cost: f32,
     /// Attributes that pages carry.
     pub attributes: Vec<AttributeDeclaration>,
     /// Number of octree nodes.
@@ -222,6 +263,8 @@ impl Header {
         w.u32(self.resolution);
         w.u32(self.leaf_triangles);
         w.f32(self.normal_noise);
+        w.u8(self.primitives as u8);
+        w.f32(self.point_cost);
         w.u64(self.nodes);
         w.u64(self.skeleton_bytes);
         self.root_block.write(&mut w);
@@ -341,6 +384,13 @@ impl Header {
         if !(normal_noise >= 0.0 && normal_noise.is_finite()) {
             return Err(bad("no share of noise"));
         }
+        let primitives = usize::from(r.u8()?);
+        let primitives =
+            Primitives::ALL.get(primitives).ok_or_else(|| bad("unknown kind of primitives"))?.0;
+        let point_cost = r.f32()?;
+        if !(point_cost > 0.0 && point_cost.is_finite()) {
+            return Err(bad("points cost nothing"));
+        }
         let (nodes, skeleton_bytes) = (r.u64()?, r.u64()?);
         let root_block = BlockRef::read(&mut r)?;
         let (front_bytes, file_bytes) = (r.u64()?, r.u64()?);
@@ -385,6 +435,8 @@ impl Header {
             resolution,
             leaf_triangles,
             normal_noise,
+            primitives,
+            point_cost,
             attributes,
             nodes,
             skeleton_bytes,

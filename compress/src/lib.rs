@@ -33,7 +33,7 @@ pub use container::{FileWriter, HlodFile};
 pub use error::FormatError;
 pub use header::{
     AttributeDeclaration, AttributeDomain, AttributeType, FORMAT_VERSION, HEADER_BYTES_MAX, Header,
-    PageRef, SignedAxis, SourceFile, Unit,
+    PageRef, Primitives, SignedAxis, SourceFile, Unit,
 };
 pub use lattice::Lattice;
 pub use mesh::Mesh;

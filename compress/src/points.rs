@@ -43,13 +43,11 @@ impl PointRadius {
     }
 }
 
-/// So many points from the first on cover by themselves, with larger radii.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Points from the first on that cover what all do, with larger radii.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct PointPrefix {
-    /// Points from the first on.
-    pub count: u32,
-    /// Radii have to be larger by this many lattice steps.
-    pub radius_added: u32,
+    /// One for each of them.
+    pub radii: Vec<PointRadius>,
 }
 
 /// Points on the file's lattice, in progressive order.
@@ -70,7 +68,7 @@ pub struct Points {
 
 impl Points {
     /// The most prefixes.
-    pub const PREFIXES_MAX: usize = 8;
+    pub const PREFIXES_MAX: usize = 3;
 
     /// How many there are.
     pub fn len(&self) -> usize {
@@ -105,10 +103,10 @@ impl Points {
         }
         let mut before = 0;
         for prefix in &self.prefixes {
-            if prefix.count <= before || prefix.count as usize >= count {
-                return Err(format!("a prefix of {} of {count} points", prefix.count));
+            if prefix.radii.len() <= before || prefix.radii.len() >= count {
+                return Err(format!("a prefix of {} of {count} points", prefix.radii.len()));
             }
-            before = prefix.count;
+            before = prefix.radii.len();
         }
         if self.prefixes.len() > Self::PREFIXES_MAX {
             return Err(format!("{} prefixes", self.prefixes.len()));

@@ -4,7 +4,10 @@ use std::collections::{BTreeMap, BinaryHeap, HashMap};
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-use hlod_compress::{CellKey, HlodFile, Mesh, NodeRecord, PageContent, Representation, RepresentationKind, decode_page};
+use hlod_compress::{
+    CellKey, HlodFile, Mesh, NodeRecord, PageContent, Representation, RepresentationKind,
+    decode_page,
+};
 use serde::Serialize;
 
 use crate::error::BuildError;

@@ -9,7 +9,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use hlod_compress::{
     BoundStatus, CellKey, Children, Errors, FormatError, Lattice, MAX_DEPTH, Mesh, NodeFlags,
-    NodeRecord, NormalCone, PageContent, PageRef, Representation, RepresentationKind, encode_page,
+    NodeRecord, NormalCone, PageContent, PageRef, Primitives, Representation, RepresentationKind,
+    encode_page,
 };
 use rayon::prelude::*;
 
@@ -19,7 +20,8 @@ use crate::cone::ConeBuilder;
 use crate::error::BuildError;
 use crate::gate::{Admitted, Gate, TooMuch};
 use crate::partition::{Leaf, Vertex};
-use crate::points::{Point, cloud};
+use crate::points::cover::{Choice, Divided, divide};
+use crate::points::{Point, cloud, round, to_page};
 use crate::progress::Progress;
 use crate::seams::close_seams;
 use crate::simplify::{Both, Budget, LEAST_SHARE, Simplified, Source, simplify};
@@ -63,6 +65,8 @@ pub(crate) struct Setting<'a> {
     pub(crate) closed_oriented: bool,
     /// Whether the scan is a point cloud.
     pub(crate) is_cloud: bool,
+    /// Where triangles become points.
+    pub(crate) choice: Choice,
     pub(crate) has_colours: bool,
     /// Keeps nodes that are worked on at a time within memory.
     pub(crate) gate: &'a Gate,
@@ -70,6 +74,12 @@ pub(crate) struct Setting<'a> {
 }
 
 impl Setting<'_> {
+    /// What a node takes that gathers so many triangles, or points.
+    pub(crate) fn node_bytes(&self, primitives: u64) -> u64 {
+        let each = if self.is_cloud { NODE_BYTES_A_POINT } else { NODE_BYTES_A_TRIANGLE };
+        primitives * each
+    }
+
     /// Waits until there is memory for a node; not to be called by who has been admitted.
     pub(crate) fn admit(&self, bytes: u64) -> Result<Admitted<'_>, NodeError> {
         self.gate.enter(bytes).map_err(|TooMuch { needed_bytes, budget_bytes }| NodeError::Memory {
@@ -113,7 +123,7 @@ pub(crate) fn build_subtree(
         // All nodes of a depth are independent of one another.
         let built = cells.par_iter().map(|&cell| {
             let primitives: usize = gathered(cell, &pieces).map(Piece::primitives).sum();
-            let _admitted = setting.admit(primitives as u64 * NODE_BYTES_A_TRIANGLE)?;
+            let _admitted = setting.admit(setting.node_bytes(primitives as u64))?;
             let built = build_inner(cell, &pieces, setting);
             advance.one();
             built
@@ -167,6 +177,13 @@ impl From<FormatError> for NodeError {
     }
 }
 
+/// Points that stand for triangles lie on grids finer than these by so many halvings,
+const POINT_SHIFT: u8 = 3;
+/// so that rounding takes no more than this of the budget: half the diagonal of 2⁻³ · 2⁻³ of it.
+const POINT_ROUNDING: f64 = 0.0136;
+/// They are rounded to the lattice before, by at most half its diagonal.
+const LATTICE_ROUNDING: f64 = 0.867;
+
 /// Where triangles are cut, the surface's lines on the faces of cells are so far from the scan's, in
 /// lattice steps: their vertices are rounded.
 const CUT_ROUNDING: f64 = 1.0;
@@ -178,10 +195,9 @@ pub(crate) fn build_leaf(
     setting: &Setting<'_>,
 ) -> Result<(BuiltNode, Piece), NodeError> {
     let content = PageContent { mesh: leaf.mesh, ..PageContent::default() };
-    let page = encode_page(&content, 0)?;
+    let page = encode_page(&content, 0, 0)?;
     let kind = RepresentationKind::Source;
-    let representation =
-        representation(kind, Errors::NONE, &content, &page, setting.lattice.step);
+    let representation = representation(kind, Errors::NONE, &content, &page, setting.lattice.step);
     let mesh = content.mesh;
     let (lo, hi) = mesh.bounds().expect("a leaf is never empty");
     let cone = ConeBuilder::of_mesh(&mesh);
@@ -228,28 +244,33 @@ pub(crate) fn build_inner(
             merge(&mut summary, piece.cone.clone(), piece.bounds);
         }
     }
-    let mut of_kind = |kind, simplified| -> Result<_, NodeError> {
-        let encoded = encode_inner(kind, simplified, lattice, &budget)?;
+    let mut of_kind = |kind, simplified, choice| -> Result<_, NodeError> {
+        let encoded = encode_inner(kind, simplified, lattice, &budget, choice)?;
         if let Some((lo, hi)) = encoded.0.mesh.bounds() {
-            merge(&mut summary, ConeBuilder::of_mesh(&encoded.0.mesh), [lo, hi]);
+            // What is drawn of a point reaches round it.
+            let margin = (f64::from(encoded.1.cover_radius) / lattice.step).ceil() as i32;
+            let bounds = [lo.map(|c| c - margin), hi.map(|c| c + margin)];
+            merge(&mut summary, ConeBuilder::of_mesh(&encoded.0.mesh), bounds);
         }
         Ok(encoded)
     };
-    let appearance = of_kind(RepresentationKind::Appearance, appearance)?;
-    let geometric = of_kind(RepresentationKind::Geometric, geometric)?;
+    let appearance = of_kind(RepresentationKind::Appearance, appearance, setting.choice)?;
+    let triangles = Choice { primitives: Primitives::Triangles, ..setting.choice };
+    let geometric = of_kind(RepresentationKind::Geometric, geometric, triangles)?;
     let (cone, bounds) = summary.expect("an inner node has children");
     let representations = vec![appearance.1, geometric.1];
     let is_closed = setting.closed_oriented && !is_opened;
     let record = record(cell, is_closed, bounds, cone.finish(), representations);
     // The appearance is what levels above are made of.
-    let piece =
-        Piece { source: appearance.0, points: Vec::new(), is_leaf: false, cone, bounds };
+    let piece = Piece { source: appearance.0, points: Vec::new(), is_leaf: false, cone, bounds };
     Ok((BuiltNode { record, pages: vec![appearance.2, geometric.2] }, piece))
 }
 
 /// What simplifying a node takes, source and results included, for each triangle gathered, as
 /// measured on nodes of 0.3 to 0.4 million.
 pub(crate) const NODE_BYTES_A_TRIANGLE: u64 = 750;
+/// The same for each point: itself, its key, those that are kept and their search tree.
+const NODE_BYTES_A_POINT: u64 = 300;
 
 fn merge(
     summary: &mut Option<(ConeBuilder, [[i32; 3]; 2])>,
@@ -273,6 +294,13 @@ fn budget(cell: CellKey, setting: &Setting<'_>, source: &Source) -> Budget {
     let lattice = &setting.lattice;
     let cell_units = lattice.cell_units(cell.depth());
     let whole = f64::from(cell_units) / f64::from(setting.resolution);
+    // Points are rounded, away from what they stand for.
+    let has_points = setting.choice.primitives != Primitives::Triangles;
+    let whole = if has_points {
+        (whole * (1.0 - POINT_ROUNDING) - LATTICE_ROUNDING).max(whole / 2.0)
+    } else {
+        whole
+    };
     // The largest step ≤ ε/8, and no larger than what still contains the cell's faces.
     let grid_shift = (whole / 8.0).log2().floor().max(0.0) as u8;
     Budget {
@@ -325,26 +353,38 @@ fn encode_inner(
     simplified: Simplified,
     lattice: &Lattice,
     budget: &Budget,
+    choice: Choice,
 ) -> Result<(Source, Representation, Vec<u8>), FormatError> {
     let Simplified { mesh, carried, distance, normal_deviation, smoothing, visual, border } =
         simplified;
     // Corners on the cell's faces stay on the finest grid they came from.
     let grid_shift = grid_of(&mesh, budget.grid_shift);
-    let content = PageContent { mesh, ..PageContent::default() };
-    let page = encode_page(&content, grid_shift)?;
     // An error far below the budget selects nothing differently, but checking it by samples at a
     // quarter of it would take for ever.
     let error = distance.max(budget.whole / 8.0);
+    let cube = Cube { min: budget.cell_min, units: budget.cell_units };
+    let Divided { mesh: rest, mut points, spacing } =
+        divide(&mesh, visual.max(error), &cube, choice);
+    let point_shift = grid_shift.saturating_sub(POINT_SHIFT);
+    round(&mut points, point_shift);
+    // Points lie on the simplified triangles.
+    let error = error + points.iter().map(|p| p.moved).fold(0.0, f64::max);
+    let turned = points.iter().map(|p| p.turned).fold(0.0, f64::max) as f32;
+    let content = PageContent {
+        mesh: rest.into_owned(),
+        points: to_page(&points, spacing, mesh.has_colours()),
+    };
+    let page = encode_page(&content, grid_shift, point_shift)?;
     let errors = Errors {
         geometric: round_up(error * lattice.step),
         geometric_status: BoundStatus::Proven,
         visual: round_up(visual.max(error) * lattice.step),
-        normal_deviation_deg: normal_deviation.map(degrees_up),
+        normal_deviation_deg: normal_deviation.map(|angle| degrees_up(angle + turned)),
         normal_smoothing_deg: degrees_up(smoothing),
         border: round_up(border * lattice.step),
     };
     let representation = representation(kind, errors, &content, &page, lattice.step);
-    Ok((Source { mesh: content.mesh, carried, smoothing, border }, representation, page))
+    Ok((Source { mesh, carried, smoothing, border }, representation, page))
 }
 
 /// The coarsest grid, up to `2^wanted`, that holds every position relative to the lowest.

@@ -31,6 +31,10 @@ pub struct Info {
     pub leaf_triangles: u32,
     /// Differences of normals below this many times their noise did not count as shading.
     pub normal_noise: f32,
+    /// What levels above the leaves are drawn with: `triangles`, `hybrid` or `points`.
+    pub representation: &'static str,
+    /// What drawing a point was taken to cost, in triangles.
+    pub point_cost: f32,
     /// Attributes of vertices.
     pub attributes: Vec<String>,
     /// The inputs: base name, bytes, SHA-256.
@@ -139,6 +143,8 @@ pub fn info(path: &Path) -> Result<Info, BuildError> {
         resolution: header.resolution,
         leaf_triangles: header.leaf_triangles,
         normal_noise: header.normal_noise,
+        representation: header.primitives.name(),
+        point_cost: header.point_cost,
         attributes: header.attributes.iter().map(|a| a.name.clone()).collect(),
         sources: header
             .sources

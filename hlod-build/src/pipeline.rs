@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use hlod_compress::{
-    AttributeDeclaration, AttributeDomain, AttributeType, BlockRef, Header, SignedAxis,
+    AttributeDeclaration, AttributeDomain, AttributeType, BlockRef, Header, Primitives, SignedAxis,
 };
 use hlod_scan::ScanReport;
 use rayon::prelude::*;
@@ -18,6 +18,7 @@ use crate::ingest::Precision;
 use crate::memory::{Memory, SUBTREES_AT_A_TIME};
 use crate::oddities::Oddities;
 use crate::output::check_output;
+use crate::points::cover::Choice;
 use crate::progress::{Progress, Unit};
 use crate::resources::{Costs, Meter};
 use crate::steps::assemble::assemble;
@@ -40,6 +41,10 @@ pub struct BuildOptions {
     /// Differences of normals below this many times their noise in a node do not count as shading
     /// (α_tol); one step of an 8-bit shade never does.
     pub normal_noise: f32,
+    /// What levels above the leaves are drawn with, where the scan has triangles.
+    pub primitives: Primitives,
+    /// What drawing a point costs, in triangles: decides where [`Primitives::Hybrid`] has points.
+    pub point_cost: f32,
     /// The unit of the scan's coordinates.
     pub unit: hlod_compress::Unit,
     /// Which way is up.
@@ -64,6 +69,8 @@ impl Default for BuildOptions {
             leaf_triangles: 16_384,
             precision: None,
             normal_noise: NORMAL_NOISE,
+            primitives: Primitives::Triangles,
+            point_cost: POINT_COST,
             unit: hlod_compress::Unit::Unknown,
             up: SignedAxis::PLUS_Y,
             front: SignedAxis::PLUS_Z,
@@ -78,6 +85,9 @@ impl Default for BuildOptions {
 /// As coarse as pictures of statues allow that are to differ from full resolution by less than a
 /// pixel; see bench-paths/RESULTS.md.
 const NORMAL_NOISE: f32 = 2.0;
+
+/// As measured with the software rasteriser; see bench-paths/RESULTS.md.
+const POINT_COST: f32 = 0.5;
 
 /// What a build did; the keys are stable.
 #[derive(Debug, Serialize)]
@@ -236,6 +246,7 @@ fn run_steps(
         normal_noise: options.normal_noise,
         closed_oriented: survey.closed_oriented,
         is_cloud: account.is_cloud,
+        choice: Choice { primitives: options.primitives, point_cost: options.point_cost.into() },
         has_colours: account.has_colours,
         gate: &gate,
         progress,
@@ -274,9 +285,9 @@ fn build_subtrees(
             if is_failed() {
                 break;
             }
-            let done = folder.check_stop(setting.progress).and_then(|()| {
-                build_subtree_step(folder, subtree, leaf_triangles, setting)
-            });
+            let done = folder
+                .check_stop(setting.progress)
+                .and_then(|()| build_subtree_step(folder, subtree, leaf_triangles, setting));
             if let (Err(error), Ok(mut failure)) = (done, failure.lock()) {
                 failure.get_or_insert(error);
             }
@@ -332,6 +343,8 @@ fn open_folder(
             leaf_triangles: options.leaf_triangles,
             precision: options.precision,
             normal_noise: options.normal_noise,
+            primitives: options.primitives.name().into(),
+            point_cost: options.point_cost,
         },
         inputs: inputs.iter().map(|input| InputStamp::of(input)).collect::<Result<_, _>>()?,
     };
@@ -381,10 +394,8 @@ fn triangles_read(report: &ScanReport) -> u64 {
 }
 
 fn header(options: &BuildOptions, account: &Account, survey: &Survey) -> Header {
-    let domain =
-        if account.is_cloud { AttributeDomain::Point } else { AttributeDomain::Vertex };
-    let attribute =
-        |name: &str, kind| AttributeDeclaration { name: name.into(), kind, domain };
+    let domain = if account.is_cloud { AttributeDomain::Point } else { AttributeDomain::Vertex };
+    let attribute = |name: &str, kind| AttributeDeclaration { name: name.into(), kind, domain };
     let mut attributes = vec![attribute("normal", AttributeType::OctNormal)];
     if account.has_colours {
         attributes.push(attribute("colour", AttributeType::Srgba8));
@@ -401,6 +412,8 @@ fn header(options: &BuildOptions, account: &Account, survey: &Survey) -> Header 
         resolution: options.resolution,
         leaf_triangles: options.leaf_triangles,
         normal_noise: options.normal_noise,
+        primitives: options.primitives,
+        point_cost: options.point_cost,
         attributes,
         // Filled in when the file is laid out.
         nodes: 0,

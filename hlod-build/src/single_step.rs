@@ -15,6 +15,7 @@ use crate::error::BuildError;
 use crate::gate::Gate;
 use crate::hierarchy::Setting;
 use crate::memory::Memory;
+use crate::points::cover::Choice;
 use crate::progress::Progress;
 use crate::steps::ingest;
 use crate::steps::nodes::{Names, build_subtree_step, build_upper_step};
@@ -98,17 +99,18 @@ pub fn run_step(
         normal_noise: options.normal_noise,
         closed_oriented: survey.closed_oriented,
         is_cloud: account.is_cloud,
+        choice: Choice {
+            primitives: options.primitives.parse().map_err(BuildError::Usage)?,
+            point_cost: options.point_cost.into(),
+        },
         has_colours: account.has_colours,
         gate: &gate,
         progress,
     };
     match step.work {
-        Work::Subtree(subtree) => build_subtree_step(
-            &folder,
-            subtree,
-            options.leaf_triangles as usize,
-            &setting,
-        ),
+        Work::Subtree(subtree) => {
+            build_subtree_step(&folder, subtree, options.leaf_triangles as usize, &setting)
+        }
         Work::Node(cell) => build_upper_step(&folder, cell, &plan.below(cell), &setting),
     }
 }

@@ -6,8 +6,11 @@ use range_alloc::RangeAllocator;
 
 use crate::edges::NO_VERTEX;
 use crate::gpu::Gpu;
-use crate::loader::GpuMesh;
+use crate::loader::{GpuMesh, PointPrefix};
 use crate::skirts::VERTICES_MAX;
+
+/// Set in an index of a point, which none of a triangle or a skirt has: see `shared.wgsl`.
+const POINT: u32 = 7 << 29;
 
 /// Vertices and triangles of many nodes in one set of buffers.
 pub(crate) struct Arena {
@@ -40,11 +43,12 @@ const BUFFER_BYTES_MAX: u64 = 128 << 20;
 const _: () = assert!(BUFFER_BYTES_MAX / VERTEX_BYTES < VERTICES_MAX as u64);
 
 impl ArenaSize {
-    /// For a model of so many vertices and triangles in all, within what one binding may hold.
+    /// For a model of so many vertices, and triangles and points, in all, within what one binding may
+    /// hold.
     pub(crate) fn for_model(
         gpu: &Gpu,
         vertices: u64,
-        triangles: u64,
+        primitives: u64,
         has_colours: bool,
     ) -> ArenaSize {
         let binding = gpu.device.limits().max_storage_buffer_binding_size.min(BUFFER_BYTES_MAX);
@@ -52,7 +56,7 @@ impl ArenaSize {
         let fit = |count: u64, bytes: u64| (count + count / 2 + 1024).min(binding / bytes) as u32;
         ArenaSize {
             vertices: fit(vertices, VERTEX_BYTES),
-            triangles: fit(triangles, TRIANGLE_BYTES),
+            triangles: fit(primitives, TRIANGLE_BYTES),
             has_colours,
         }
     }
@@ -72,9 +76,10 @@ impl ArenaSize {
     }
 
     /// Bytes that a page takes, about: skirts add to it.
-    pub(crate) fn bytes_of(vertices: u64, triangles: u64) -> u64 {
+    pub(crate) fn bytes_of(vertices: u64, triangles: u64, points: u64) -> u64 {
         let skirts = triangles / 8;
-        vertices * VERTEX_BYTES + (triangles + skirts) * (TRIANGLE_BYTES + EDGE_BYTES)
+        let primitives = triangles + skirts + points;
+        (vertices + points) * VERTEX_BYTES + primitives * (TRIANGLE_BYTES + EDGE_BYTES)
     }
 
     pub(crate) fn bytes(&self) -> u64 {
@@ -85,18 +90,32 @@ impl ArenaSize {
 }
 
 /// A node's place in an arena.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Slot {
     pub(crate) arena: usize,
     pub(crate) vertices: Range<u32>,
-    pub(crate) triangles: Range<u32>,
+    /// Triangles, then points, which are counted like them.
+    pub(crate) primitives: Range<u32>,
+    /// The first point.
+    pub(crate) first_point: u32,
+    /// How many points cover: see [`GpuMesh::prefixes`].
+    pub(crate) prefixes: Vec<PointPrefix>,
 }
 
 impl Slot {
     /// Bytes on the GPU.
     pub(crate) fn bytes(&self) -> u64 {
         u64::from(self.vertices.end - self.vertices.start) * VERTEX_BYTES
-            + u64::from(self.triangles.end - self.triangles.start) * (TRIANGLE_BYTES + EDGE_BYTES)
+            + u64::from(self.primitives.end - self.primitives.start) * (TRIANGLE_BYTES + EDGE_BYTES)
+    }
+
+    pub(crate) fn triangles(&self) -> Range<u32> {
+        self.primitives.start..self.first_point
+    }
+
+    pub(crate) fn points(&self) -> Range<u32> {
+        let count = self.prefixes.last().map_or(0, |all| all.count);
+        self.first_point..self.first_point + count
     }
 }
 
@@ -124,14 +143,20 @@ impl Arena {
     /// Copies a mesh into free ranges; `None` where there are none large enough.
     pub(crate) fn insert(&mut self, gpu: &Gpu, mesh: &GpuMesh, arena: usize) -> Option<Slot> {
         let triangle_count = (mesh.indices.len() / 3) as u32;
+        let primitive_count = triangle_count + mesh.radii.len() as u32;
         // The allocator does not hand out empty ranges.
         let vertices =
             self.free_vertices.allocate_range((mesh.vertices.len() as u32).max(1)).ok()?;
-        let Ok(triangles) = self.free_triangles.allocate_range(triangle_count.max(1)) else {
+        let Ok(triangles) = self.free_triangles.allocate_range(primitive_count.max(1)) else {
             self.free_vertices.free_range(vertices);
             return None;
         };
-        let indices: Vec<u32> = mesh.indices.iter().map(|i| i + vertices.start).collect();
+        let mut indices: Vec<u32> = mesh.indices.iter().map(|i| i + vertices.start).collect();
+        // Vertices of points are the last ones.
+        let first_of_points = vertices.start + (mesh.vertices.len() - mesh.radii.len()) as u32;
+        for (vertex, radius) in (first_of_points..).zip(&mesh.radii) {
+            indices.extend([vertex | POINT, vertex | POINT, *radius]);
+        }
         let at = |start: u32, bytes: u64| u64::from(start) * bytes;
         let write = |buffer, offset, bytes: &[u8]| gpu.queue.write_buffer(buffer, offset, bytes);
         write(
@@ -149,12 +174,17 @@ impl Arena {
             let colours = bytemuck::cast_slice(&mesh.colours);
             write(&self.colours, at(vertices.start, COLOUR_BYTES), colours);
         }
-        let triangles_used = triangles.start..triangles.start + triangle_count.max(1);
-        Some(Slot { arena, vertices, triangles: triangles_used })
+        let primitives = triangles.start..triangles.start + primitive_count.max(1);
+        // An empty page has a triangle that is never drawn.
+        let first_point = match primitive_count {
+            0 => primitives.start,
+            _ => primitives.start + triangle_count,
+        };
+        Some(Slot { arena, vertices, primitives, first_point, prefixes: mesh.prefixes.clone() })
     }
 
     pub(crate) fn remove(&mut self, slot: Slot) {
         self.free_vertices.free_range(slot.vertices);
-        self.free_triangles.free_range(slot.triangles);
+        self.free_triangles.free_range(slot.primitives);
     }
 }

@@ -171,6 +171,7 @@ pub fn bench(
         resident_bytes_max: 0,
         frame_times_ms: Vec::new(),
     };
+    let (mut points, mut covered) = (0, 0);
     let begin = Instant::now();
     for frame in 0..options.frames {
         if options.cold {
@@ -194,6 +195,13 @@ pub fn bench(
         report.stalled_frames += u32::from(stats.nodes == 0 && stats.missing_parts > 0);
         report.resident_bytes_max = report.resident_bytes_max.max(models[0].resident_bytes());
         advance(frame);
+        if stats.points > 0 && frame % options.frames.div_ceil(COVERAGE_FRAMES).max(1) == 0 {
+            points += stats.points;
+            covered += covered_by_points(gpu, &models[0], &canvas)?;
+        }
+    }
+    if covered > 0 {
+        report.points_per_covered_pixel = points as f64 / covered as f64;
     }
     report.bytes_read = models[0].bytes_read() - bytes_before;
     report.bytes_drawn = models[0].drawn_bytes() - drawn_before;
@@ -204,6 +212,20 @@ pub fn bench(
         return Err(gpu.error(format!("a part of the file is damaged: {problem}")));
     }
     Ok(report)
+}
+
+/// In so many frames the pixels that points cover are counted, between the frames' times.
+const COVERAGE_FRAMES: u32 = 16;
+
+fn covered_by_points(gpu: &Gpu, model: &Model, canvas: &Canvas) -> Result<u64, RenderError> {
+    let bytes = gpu.read_texture(canvas.targets.identity(), wgpu::TextureAspect::All)?;
+    let identities = bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+    let points = model.point_identities();
+    let is_point = |identity: u32| {
+        let after = points.partition_point(|range| range.start <= identity);
+        after > 0 && points[after - 1].contains(&identity)
+    };
+    Ok(identities.filter(|&identity| is_point(identity & !(1 << 31))).count() as u64)
 }
 
 /// # Panics

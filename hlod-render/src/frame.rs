@@ -5,12 +5,12 @@ use std::time::{Duration, Instant};
 
 use glam::{DMat4, DVec2, DVec3, Mat4, Vec4};
 
-use crate::arena::Arena;
+use crate::arena::{Arena, Slot};
 use crate::casters::{CasterView, select_casters};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::lit::{Lit, LitPart};
-use crate::loader::Part;
+use crate::loader::{Part, PointPrefix};
 use crate::model::Model;
 use crate::need::{Need, PaceTracker};
 use crate::passes::{
@@ -30,7 +30,7 @@ pub struct FrameStats {
     pub points: u64,
     /// Nodes drawn.
     pub nodes: usize,
-    /// Triangles that cast shadows.
+    /// Triangles and points that cast shadows.
     pub caster_triangles: u64,
     /// Nodes that do.
     pub caster_nodes: usize,
@@ -85,7 +85,8 @@ impl Renderer {
         self.plan(models, shot, targets);
         let fronts = update(gpu, models, shot, targets.width(), targets.height())?;
         self.draw(gpu, models, &fronts, shot, targets)?;
-        Ok(stats(models, &fronts, shot))
+        let can_choose = self.passes.can_choose_points(gpu, targets);
+        Ok(stats(models, &fronts, shot, targets, can_choose))
     }
 
     /// Looks ahead, now and then: what will be wanted if the eye goes on as it did lately.
@@ -122,7 +123,8 @@ impl Renderer {
             let mut all = fronts.receivers.iter().chain(&fronts.casters);
             if all.all(|f| f.wanted.is_empty()) || !models.iter().any(Model::is_loading) {
                 self.draw(gpu, models, &fronts, shot, targets)?;
-                return Ok(stats(models, &fronts, shot));
+                let can_choose = self.passes.can_choose_points(gpu, targets);
+                return Ok(stats(models, &fronts, shot, targets, can_choose));
             }
             std::thread::yield_now();
         }
@@ -144,6 +146,7 @@ impl Renderer {
         let mut model_of = Vec::new();
         let mut first_identity = 0;
         let mut seen = Seen::nothing(targets);
+        let can_choose = self.passes.can_choose_points(gpu, targets);
         for (m, (model, front)) in models.iter().zip(&fronts.receivers).enumerate() {
             for (arena, buffers) in model.arenas().iter().enumerate() {
                 let has_colours = model.header().has_colours();
@@ -155,6 +158,14 @@ impl Renderer {
                 let error = |node: &Node, representation: usize| {
                     (node.representations[representation].geometric_error * scale) as f32
                 };
+                // Where nothing is between points their discs' planes are.
+                let point_error = |node: &Node, representation: usize| {
+                    let r = &node.representations[representation];
+                    ((r.geometric_error + r.cover_radius) * scale) as f32
+                };
+                let view =
+                    View::new(&shot.camera, world_from_model, targets.width(), targets.height());
+                uniform.points.w = step as f32;
                 uniform.skirt = skirt(front, &world_from_model, step, shot, targets);
                 uniforms.push((uniform, buffers));
                 model_of.push(m);
@@ -167,13 +178,25 @@ impl Renderer {
                         seen.add(&uniform.clip_from_model, node.min, node.max, margin_px);
                         let cull_backs =
                             node.closed_oriented && !shot.draw_backs && !shot.backs_magenta;
-                        ranges.push(Range {
-                            uniform: index,
-                            triangles: slot.triangles.clone(),
-                            cull_backs,
-                            error: error(node, draw.representation),
-                        });
-                        let first = first_identity + slot.triangles.start;
+                        if !slot.triangles().is_empty() {
+                            ranges.push(Range {
+                                uniform: index,
+                                triangles: slot.triangles(),
+                                points_level: None,
+                                cull_backs,
+                                error: error(node, draw.representation),
+                            });
+                        }
+                        if let Some((points, level)) = points_of(slot, node, &view, can_choose) {
+                            ranges.push(Range {
+                                uniform: index,
+                                triangles: points,
+                                points_level: Some(level),
+                                cull_backs,
+                                error: point_error(node, draw.representation),
+                            });
+                        }
+                        let first = first_identity + slot.primitives.start;
                         parts.push(DrawnPart::new(node, first));
                     }
                 }
@@ -186,9 +209,27 @@ impl Renderer {
                         let node = &model.skeleton().nodes()[draw.node as usize];
                         let cull_backs = node.closed_oriented
                             && is_outside(model, shot.light, shot.light_radius());
-                        let triangles = slot.triangles.clone();
+                        let (triangles, points) = (slot.triangles(), slot.points());
                         let error = error(node, draw.representation);
-                        casting.push(Range { uniform: index, triangles, cull_backs, error });
+                        if !triangles.is_empty() {
+                            let points_level = None;
+                            casting.push(Range {
+                                uniform: index,
+                                triangles,
+                                points_level,
+                                cull_backs,
+                                error,
+                            });
+                        }
+                        if !points.is_empty() {
+                            casting.push(Range {
+                                uniform: index,
+                                triangles: points,
+                                points_level: Some(0),
+                                cull_backs: false,
+                                error: point_error(node, draw.representation),
+                            });
+                        }
                     }
                 }
                 first_identity += model.arena_size().triangles;
@@ -244,6 +285,21 @@ impl Renderer {
     ) -> Result<(), RenderError> {
         self.passes.encode(gpu, uniforms, drawn, shot, targets)
     }
+}
+
+/// Whether a shot's shadows can be drawn of these models.
+///
+/// # Errors
+/// When shadows are to be soft, and a model is a point cloud.
+pub fn check_models(models: &[Model], shadow: Shadow) -> Result<(), RenderError> {
+    if shadow == Shadow::Soft && models.iter().any(Model::is_cloud) {
+        return Err(RenderError::Usage(
+            "soft shadows are not drawn of point clouds, whose discs overlap and would count more than \
+             once; try --shadow hard, or traced with --light-size"
+                .into(),
+        ));
+    }
+    Ok(())
 }
 
 /// The light of one frame.
@@ -334,6 +390,7 @@ fn update(
     width: u32,
     height: u32,
 ) -> Result<Fronts, RenderError> {
+    check_models(models, shot.shadow)?;
     let full = shot.representation == Representation::Full;
     let selection = selection(shot);
     let mut fronts = Fronts { receivers: Vec::new(), casters: Vec::new() };
@@ -407,8 +464,9 @@ pub(crate) fn uniform(
     // Samples move one way, the picture the other.
     let offset = shot.sample_offset_px * DVec2::new(-2.0, 2.0)
         / DVec2::new(f64::from(width), f64::from(height));
+    let clip_from_model = shot.camera.clip_from_model(world_from_model, aspect, offset);
     FrameUniform {
-        clip_from_model: shot.camera.clip_from_model(world_from_model, aspect, offset),
+        clip_from_model,
         world_from_model: relative.as_mat4(),
         eye,
         light,
@@ -417,12 +475,38 @@ pub(crate) fn uniform(
         light_from_model: Mat4::IDENTITY,
         shadow: Vec4::new(flag(shot.shadow != Shadow::None), 0.0, 0.0, 0.0),
         bias: Vec4::ZERO,
+        points: points_uniform(&clip_from_model, parallel, 0.0),
         shading: Vec4::new(shot.material.ambient, flag(has_colours), flag(shot.backs_magenta), 1.0),
         // Known when all that is seen is.
         area: [0; 4],
         size: [width, height, first_identity, 0],
     }
 }
+
+/// Model lengths of a unit of clip.x, of clip.y, and of clip.w or, in parallel views, clip.z; and of a
+/// lattice step.
+fn points_uniform(clip_from_model: &Mat4, parallel: bool, step: f32) -> Vec4 {
+    let row = |i: usize| 1.0 / clip_from_model.row(i).truncate().length();
+    Vec4::new(row(0), row(1), row(if parallel { 2 } else { 3 }), step)
+}
+
+/// As few points as show no gaps: the fewest of which the larger radii are not seen.
+fn points_of(
+    slot: &Slot,
+    node: &Node,
+    view: &View,
+    can_choose: bool,
+) -> Option<(std::ops::Range<u32>, u32)> {
+    let all = slot.prefixes.last().filter(|all| all.count > 0)?;
+    let is_enough = |prefix: &&PointPrefix| {
+        view.error_px(prefix.radius, node.min, node.max) <= PREFIX_RADIUS_PX
+    };
+    let chosen = slot.prefixes.iter().filter(|_| can_choose).find(is_enough).unwrap_or(all);
+    Some((slot.first_point..slot.first_point + chosen.count, chosen.level))
+}
+
+/// Where points are left out the others are so large in the mean at most, from middle to side.
+const PREFIX_RADIUS_PX: f64 = 1.0;
 
 /// How far skirts reach, for one model: see [`crate::skirts`] and `Frame` in `shared.wgsl`.
 fn skirt(
@@ -439,11 +523,20 @@ fn skirt(
     Vec4::new((pixels * world_per_pixel(shot, targets) / scale) as f32, 2.0 * step as f32, 0.0, 0.0)
 }
 
-fn stats(models: &[Model], fronts: &Fronts, shot: &Shot) -> FrameStats {
+fn stats(
+    models: &[Model],
+    fronts: &Fronts,
+    shot: &Shot,
+    targets: &Targets,
+    can_choose: bool,
+) -> FrameStats {
+    let (width, height) = (targets.width(), targets.height());
+    let view = |m: &Model| View::new(&shot.camera, m.world_from_model(), width, height);
+    let views: Vec<View> = models.iter().map(view).collect();
     let mut stats = FrameStats { tau_ratio: 0.0, ..FrameStats::default() };
     let mut weights = 0.0;
     let tau = shot.error_threshold_px.max(1e-9);
-    for (model, front) in models.iter().zip(&fronts.receivers) {
+    for (m, (model, front)) in models.iter().zip(&fronts.receivers).enumerate() {
         stats.nodes += front.draws.len();
         stats.missing_parts += front
             .wanted
@@ -452,8 +545,11 @@ fn stats(models: &[Model], fronts: &Fronts, shot: &Shot) -> FrameStats {
             .count();
         for draw in &front.draws {
             let node = &model.skeleton().nodes()[draw.node as usize];
-            let triangles = model.slot(draw.node, draw.representation).map(|s| s.triangles.len());
-            stats.triangles += triangles.unwrap_or(0) as u64;
+            if let Some(slot) = model.slot(draw.node, draw.representation) {
+                stats.triangles += slot.triangles().len() as u64;
+                let points = points_of(slot, node, &views[m], can_choose);
+                stats.points += points.map_or(0, |(points, _)| points.len() as u64);
+            }
             // A leaf is as fine as it gets.
             let ratio = if node.children == ChildLink::None { 0.0 } else { draw.error_px / tau };
             let ratio = ratio.min(1e6);
@@ -466,8 +562,9 @@ fn stats(models: &[Model], fronts: &Fronts, shot: &Shot) -> FrameStats {
         stats.caster_nodes += front.draws.len();
         stats.missing_parts += front.wanted.len();
         for draw in &front.draws {
-            let triangles = model.slot(draw.node, draw.representation).map(|s| s.triangles.len());
-            stats.caster_triangles += triangles.unwrap_or(0) as u64;
+            let slot = model.slot(draw.node, draw.representation);
+            stats.caster_triangles +=
+                slot.map_or(0, |s| s.triangles().len() + s.points().len()) as u64;
         }
     }
     stats.tau_ratio = if weights > 0.0 { stats.tau_ratio / weights } else { 1.0 };

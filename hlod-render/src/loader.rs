@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 
 use bytemuck::{Pod, Zeroable};
 use hlod_compress::{
-    BlockRef, CellKey, FormatError, Header, Lattice, PageRef, RepresentationKind, SkeletonBlock,
-    decode_mesh,
+    BlockRef, CellKey, FormatError, Header, Lattice, PageContent, PageRef, PointRadius, Points,
+    RepresentationKind, SkeletonBlock, decode_page,
 };
 
 use crate::edges::across;
@@ -94,6 +94,22 @@ pub struct GpuMesh {
     pub indices: Vec<u32>,
     /// Of what casts shadows, the vertex across each edge: see `edges.rs`. Skirts have none.
     pub across: Vec<u32>,
+    /// Radii of the points, as shaders read them: a byte for each of `prefixes`, the last one lowest.
+    /// Their vertices are the last ones, in progressive order.
+    pub radii: Vec<u32>,
+    /// How many of the points cover, fewest first; the last are all of them.
+    pub prefixes: Vec<PointPrefix>,
+}
+
+/// So many points from the first on cover.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PointPrefix {
+    /// Points.
+    pub count: u32,
+    /// The byte of their radii.
+    pub level: u32,
+    /// Their mean radius, model space.
+    pub radius: f64,
 }
 
 /// Centre of the root cube in source coordinates: the origin of model space.
@@ -112,25 +128,51 @@ pub fn decode(part: &Part, bytes: &[u8], header: &Header) -> Result<Loaded, Form
         Part::Block(block) => SkeletonBlock::parse(bytes, *block).map(Loaded::Block),
         Part::Page(page, cell, kind) => {
             page.check(bytes)?;
-            let mesh = decode_mesh(bytes)?;
+            let PageContent { mesh, points } = decode_page(bytes)?;
             let half = f64::from(lattice.root_units) / 2.0;
             let vertex = |(position, normal): (&[i32; 3], &hlod_compress::OctNormal)| GpuVertex {
                 position: position.map(|c| ((f64::from(c) - half) * lattice.step) as f32),
                 normal: normal.0,
             };
-            let vertices = mesh.positions.iter().zip(&mesh.normals).map(vertex).collect();
+            let mut vertices: Vec<GpuVertex> =
+                mesh.positions.iter().zip(&mesh.normals).map(vertex).collect();
+            vertices.extend(points.positions.iter().zip(&points.normals).map(vertex));
             let mut indices = mesh.triangles.as_flattened().to_vec();
             let budget =
                 f64::from(lattice.cell_units(cell.depth())) / f64::from(header.resolution.max(1));
-            indices.extend(skirts(&mesh, *cell, lattice, budget));
+            // Where there are points parts of a component are small that is large.
+            let small = if points.is_empty() { budget } else { 0.0 };
+            indices.extend(skirts(&mesh, *cell, lattice, small));
             // Casters are of the geometric hierarchy, and leaves of every one.
             let across = match kind {
                 RepresentationKind::Appearance => Vec::new(),
                 _ => across(&mesh),
             };
-            Ok(Loaded::Mesh(GpuMesh { vertices, colours: mesh.colours, indices, across }))
+            let mut colours = mesh.colours;
+            colours.extend(&points.colours);
+            let (radii, prefixes) = radii(&points, lattice.step);
+            Ok(Loaded::Mesh(GpuMesh { vertices, colours, indices, across, radii, prefixes }))
         }
     }
+}
+
+/// What shaders know of points' radii.
+fn radii(points: &Points, step: f64) -> (Vec<u32>, Vec<PointPrefix>) {
+    let mut packed: Vec<u32> = points.radii.iter().map(|r| u32::from(r.0)).collect();
+    let mean = |radii: &[PointRadius]| {
+        radii.iter().map(|r| r.steps()).sum::<f64>() / radii.len().max(1) as f64 * step
+    };
+    let count = points.len() as u32;
+    let mut prefixes = vec![PointPrefix { count, level: 0, radius: mean(&points.radii) }];
+    for (level, prefix) in (1..).zip(points.prefixes.iter().rev()) {
+        for (packed, radius) in packed.iter_mut().zip(&prefix.radii) {
+            *packed |= u32::from(radius.0) << (8 * level);
+        }
+        let (count, radius) = (prefix.radii.len() as u32, mean(&prefix.radii));
+        prefixes.push(PointPrefix { count, level, radius });
+    }
+    prefixes.reverse();
+    (packed, prefixes)
 }
 
 /// Reads a file on worker threads, each with its own reads.

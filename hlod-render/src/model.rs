@@ -100,13 +100,14 @@ impl Model {
         let nodes = skeleton.nodes().iter();
         let known: (u64, u64) = nodes
             .flat_map(|n| &n.representations)
-            .fold((0, 0), |sum, r| (sum.0 + u64::from(r.vertices), sum.1 + u64::from(r.triangles)));
-        let (vertices, triangles) = if header.nodes as usize > skeleton.nodes().len() {
+            .map(|r| (u64::from(r.vertices), u64::from(r.triangles), u64::from(r.points)))
+            .fold((0, 0), |sum, (v, t, p)| (sum.0 + v + p, sum.1 + t + p));
+        let (vertices, primitives) = if header.nodes as usize > skeleton.nodes().len() {
             (u64::MAX / 4, u64::MAX / 4)
         } else {
             known
         };
-        let arena_size = ArenaSize::for_model(gpu, vertices, triangles, header.has_colours())
+        let arena_size = ArenaSize::for_model(gpu, vertices, primitives, header.has_colours())
             .within(limits.gpu_bytes);
 
         let mut model = Model {
@@ -162,6 +163,11 @@ impl Model {
         self.world_from_model
     }
 
+    /// Whether it was made from a point cloud.
+    pub fn is_cloud(&self) -> bool {
+        self.header.points_input > 0
+    }
+
     /// Bounds of all geometry in world space.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         let place = |p| DVec3::from_array(self.header.lattice.position(p));
@@ -213,6 +219,18 @@ impl Model {
 
     pub(crate) fn slot(&self, node: u32, representation: usize) -> Option<&Slot> {
         self.slots.get(&(node, representation)).map(|r| &r.slot)
+    }
+
+    /// Identities of the points that are resident, in order, where this is the first model.
+    pub fn point_identities(&self) -> Vec<std::ops::Range<u32>> {
+        let of = |resident: &Resident| {
+            let first = resident.slot.arena as u32 * self.arena_size.triangles + 1;
+            let points = resident.slot.points();
+            first + points.start..first + points.end
+        };
+        let mut all: Vec<_> = self.slots.values().map(of).filter(|r| !r.is_empty()).collect();
+        all.sort_unstable_by_key(|range| range.start);
+        all
     }
 
     /// Takes what was loaded since the last frame: blocks at once, geometry as far as this
@@ -269,7 +287,7 @@ impl Model {
         let bytes = self.limits.gpu_bytes / 10 * 9;
         let gpu_bytes = |node: &Node, r: usize| {
             let r = &node.representations[r];
-            ArenaSize::bytes_of(r.vertices.into(), r.triangles.into())
+            ArenaSize::bytes_of(r.vertices.into(), r.triangles.into(), r.points.into())
         };
         self.plan = need.plan(&self.skeleton, HORIZON_SECS, bytes, &gpu_bytes);
     }
@@ -334,7 +352,7 @@ impl Model {
                 }
             }
             let fits = mesh.vertices.len() as u32 <= self.arena_size.vertices
-                && (mesh.indices.len() / 3) as u32 <= self.arena_size.triangles;
+                && (mesh.indices.len() / 3 + mesh.radii.len()) as u32 <= self.arena_size.triangles;
             if !fits {
                 return Err(gpu.error(format!("node {} is larger than a buffer may be", key.0)));
             }

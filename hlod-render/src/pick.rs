@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use glam::DVec3;
-use hlod_compress::{NodeRecord, RepresentationKind, decode_mesh};
+use hlod_compress::{NodeRecord, PageContent, RepresentationKind, decode_page};
 
 use crate::error::RenderError;
 use crate::source::open_local;
@@ -17,7 +17,7 @@ pub struct Hit {
     pub distance: f64,
 }
 
-/// The first point of the leaves' triangles on the ray from `origin` along `direction`, both in
+/// The first point of the leaves' triangles, or points, on the ray from `origin` along `direction`, both in
 /// source coordinates; `None` where it meets nothing. Reads the leaves that the ray passes, and
 /// waits for them.
 ///
@@ -50,7 +50,15 @@ pub fn first_hit(path: &Path, origin: DVec3, direction: DVec3) -> Result<Option<
             continue;
         };
         let page = file.read_page(representation.page).map_err(&format)?;
-        let mesh = decode_mesh(&page).map_err(&format)?;
+        let PageContent { mesh, points } = decode_page(&page).map_err(&format)?;
+        for i in 0..points.len() {
+            let normal = DVec3::from_array(points.normals[i].decode().map(f64::from));
+            let radius = points.radii[i].steps() * lattice.step;
+            if let Some(t) = hit_disc(origin, direction, place(points.positions[i]), normal, radius)
+            {
+                best = Some(best.map_or(t, |b| b.min(t)));
+            }
+        }
         for t in &mesh.triangles {
             let corners = t.map(|v| place(mesh.positions[v as usize]));
             if let Some(t) = hit_triangle(origin, direction, corners) {
@@ -96,6 +104,19 @@ fn hit_triangle(origin: DVec3, direction: DVec3, [a, b, c]: [DVec3; 3]) -> Optio
     (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= 0.0).then_some(t)
 }
 
+/// The disc that a point is drawn as, both sides.
+fn hit_disc(
+    origin: DVec3,
+    direction: DVec3,
+    centre: DVec3,
+    normal: DVec3,
+    radius: f64,
+) -> Option<f64> {
+    let t = normal.dot(centre - origin) / normal.dot(direction);
+    let apart = (origin + t * direction).distance(centre);
+    (t >= 0.0 && t.is_finite() && apart <= radius).then_some(t)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -107,6 +128,13 @@ mod tests {
         assert_eq!(down(0.5, 0.5), Some(3.0));
         assert_eq!(down(1.5, 1.5), None);
         assert_eq!(hit_triangle(DVec3::new(0.5, 0.5, -1.0), -DVec3::Z, t), None);
+        let disc = |x, z| {
+            hit_disc(DVec3::new(x, 0.0, z), -DVec3::Z, DVec3::ZERO, DVec3::new(0.6, 0.0, 0.8), 2.0)
+        };
+        assert!((disc(0.0, 3.0).unwrap() - 3.0).abs() < 1e-12);
+        // It slopes down to (1.6, 0, −1.2).
+        assert!((disc(1.5, 3.0).unwrap() - 4.125).abs() < 1e-12);
+        assert_eq!((disc(1.7, 3.0), disc(0.0, -1.0)), (None, None));
         let inside = |o: DVec3, d| enter_box(o, d, DVec3::ZERO, DVec3::ONE);
         assert_eq!(inside(DVec3::new(0.5, 0.5, 3.0), -DVec3::Z), Some(2.0));
         assert_eq!(inside(DVec3::splat(0.5), DVec3::X), Some(0.0));

@@ -1,7 +1,7 @@
 //! What is lit how, and seen from where.
 
 use glam::{DVec2, DVec3, Vec3};
-use hlod_compress::RepresentationKind;
+use hlod_compress::{Header, Primitives, RepresentationKind};
 
 use crate::camera::Camera;
 
@@ -38,8 +38,10 @@ pub enum Representation {
     /// What the file holds for receivers.
     #[default]
     Hybrid,
-    /// The same without points.
+    /// The same where the file was built without points.
     Triangles,
+    /// The same where it was built of points.
+    Points,
     /// Simplified by shape alone.
     Geometric,
     /// The scan's own geometry, whatever the distance: the reference.
@@ -56,11 +58,41 @@ impl Representation {
         }
     }
 
+    /// Whether a file holds it: which primitives its levels are of is decided when it is built.
+    ///
+    /// # Errors
+    /// A sentence that says what the file holds, and how to build one that holds this.
+    pub fn check(self, header: &Header) -> Result<(), String> {
+        let built = match header.points_input {
+            0 => header.primitives,
+            _ => Primitives::Points,
+        };
+        let fits = match self {
+            Representation::Triangles => built == Primitives::Triangles,
+            Representation::Points => built == Primitives::Points,
+            Representation::Geometric => header.points_input == 0,
+            Representation::Hybrid | Representation::Full => true,
+        };
+        if fits {
+            return Ok(());
+        }
+        let advice = match header.points_input {
+            0 => format!("; build it again with --representation {}", self.name()),
+            _ => ": it was made from a point cloud".to_owned(),
+        };
+        Err(format!(
+            "--representation {}: the file's levels are {}{advice}",
+            self.name(),
+            built.name()
+        ))
+    }
+
     /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Representation::Hybrid => "hybrid",
             Representation::Triangles => "triangles",
+            Representation::Points => "points",
             Representation::Geometric => "geometric",
             Representation::Full => "full",
         }

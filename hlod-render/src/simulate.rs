@@ -387,7 +387,7 @@ impl<'a> Run<'a> {
 
 fn page_bytes(node: &Node, representation: usize) -> u64 {
     let r = &node.representations[representation];
-    ArenaSize::bytes_of(r.vertices.into(), r.triangles.into())
+    ArenaSize::bytes_of(r.vertices.into(), r.triangles.into(), r.points.into())
 }
 
 /// The camera half a second later, if eye and target go on as in the last tenth of a second.

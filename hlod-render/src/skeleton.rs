@@ -45,6 +45,10 @@ pub struct NodeRepresentation {
     pub triangles: u32,
     /// Vertices in its page.
     pub vertices: u32,
+    /// Points in its page.
+    pub points: u32,
+    /// The largest of their radii, in the source's unit.
+    pub cover_radius: f64,
     /// Its page.
     pub page: PageRef,
 }
@@ -132,6 +136,8 @@ impl Skeleton {
                     border_error: r.errors.border.into(),
                     triangles: r.triangles,
                     vertices: r.vertices,
+                    points: r.points,
+                    cover_radius: r.cover_radius.into(),
                     page: r.page,
                 })
                 .collect(),
@@ -147,9 +153,12 @@ impl Skeleton {
 }
 
 impl Node {
-    /// Index of the representation for `kind`: a leaf's source geometry serves every kind.
+    /// Index of the representation for `kind`: a leaf's source geometry serves every kind, and of
+    /// points there is an appearance alone.
     pub fn representation(&self, kind: RepresentationKind) -> Option<usize> {
         let of = |kind| self.representations.iter().position(|r| r.kind == kind);
-        of(kind).or_else(|| of(RepresentationKind::Source))
+        of(kind)
+            .or_else(|| of(RepresentationKind::Source))
+            .or_else(|| of(RepresentationKind::Appearance))
     }
 }

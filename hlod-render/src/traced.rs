@@ -1,7 +1,7 @@
 //! Ground truth for shadows: rays against the scan's own triangles, on the processor.
 
 use glam::{DVec2, DVec3, Vec3A};
-use hlod_compress::{RepresentationKind, decode_mesh};
+use hlod_compress::{PageContent, RepresentationKind, decode_page};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
@@ -19,7 +19,7 @@ pub const HIDDEN: u32 = 65_535;
 /// A hierarchy of boxes takes about 150 bytes a triangle: 50 million are 7.5 GB.
 const TRIANGLES_MAX: u64 = 50_000_000;
 
-/// All triangles of some models' leaves, relative to the first one's centre.
+/// All triangles of some models' leaves, and squares for their points, relative to the first one's centre.
 pub struct Tracer {
     bvh: Bvh2,
     /// In the order of the hierarchy.
@@ -58,7 +58,8 @@ impl Tracer {
         let centre = models
             .first()
             .map_or(DVec3::ZERO, |m| m.world_from_model().transform_point3(DVec3::ZERO));
-        let count: u64 = models.iter().map(|m| m.header().triangles_input).sum();
+        let in_model = |m: &Model| m.header().triangles_input + 2 * m.header().points_input;
+        let count: u64 = models.iter().map(in_model).sum();
         if count > TRIANGLES_MAX {
             return Err(RenderError::Usage(format!(
                 "rays are traced against all {count} triangles: no more than {TRIANGLES_MAX} fit; \
@@ -79,12 +80,20 @@ impl Tracer {
                     continue;
                 };
                 let page = file.read_page(source.page).map_err(&format)?;
-                let mesh = decode_mesh(&page).map_err(&format)?;
-                let place = |v: u32| {
-                    let source = DVec3::from_array(lattice.position(mesh.positions[v as usize]));
+                let PageContent { mesh, points } = decode_page(&page).map_err(&format)?;
+                let place = |p: [i32; 3]| {
+                    let source = DVec3::from_array(lattice.position(p));
                     model.world_from_model().transform_point3(source - own) - centre
                 };
-                triangles.extend(mesh.triangles.iter().map(|t| Corners(t.map(place))));
+                let corner = |v: u32| place(mesh.positions[v as usize]);
+                triangles.extend(mesh.triangles.iter().map(|t| Corners(t.map(corner))));
+                let scale = model.world_from_model().x_axis.truncate().length() * lattice.step;
+                for i in 0..points.len() {
+                    let normal = DVec3::from_array(points.normals[i].decode().map(f64::from));
+                    let normal = model.world_from_model().transform_vector3(normal).normalize();
+                    let radius = points.radii[i].steps() * scale;
+                    triangles.extend(square(place(points.positions[i]), normal, radius));
+                }
             }
         }
         Ok(Tracer::new(triangles))
@@ -135,6 +144,15 @@ impl Tracer {
         };
         points.par_iter().enumerate().map(one).collect()
     }
+}
+
+/// A square as large as the disc that a point is drawn as.
+fn square(centre: DVec3, normal: DVec3, radius: f64) -> [Corners; 2] {
+    let half = radius * std::f64::consts::PI.sqrt() / 2.0;
+    let (u, v) = normal.any_orthonormal_pair();
+    let corner = |a: f64, b: f64| centre + half * (a * u + b * v);
+    let [p, q, r, s] = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
+    [Corners([p, q, r]), Corners([p, r, s])]
 }
 
 /// How far along the way a triangle lies, in multiples of it. Edges that two triangles share come out

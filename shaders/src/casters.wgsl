@@ -22,6 +22,7 @@ struct Chunk {
     large: u32,
     // How far the triangles may be from the scan's, world space.
     error: f32,
+    level: u32,
 }
 
 @group(1) @binding(1) var<storage, read_write> samples: array<Sample>;
@@ -30,6 +31,8 @@ struct Chunk {
 
 // In a chunk's count: only what faces the light casts.
 const CULLED: u32 = 0x80000000u;
+// In a chunk's count: points.
+const COUNT: u32 = 0x3fffffffu;
 // What may cover more cells is divided into tiles.
 const CELLS_MAX: i32 = 64;
 
@@ -43,4 +46,26 @@ fn cells_of(low: vec2<f32>, high: vec2<f32>) -> vec4<i32> {
         return vec4(0, 0, -1, -1);
     }
     return vec4(max(vec2<i32>(first), vec2(0)), min(vec2<i32>(last), grid.size - 1));
+}
+
+// One corner of what casts, model space: of a triangle, or of an equilateral one round a point's disc,
+// whose corners are two radii from the middle.
+fn corner_of(number: u32, corner: u32) -> vec3<f32> {
+    if !is_point(number) {
+        return position_of(indices[3u * number + corner]);
+    }
+    let v = vertices[indices[3u * number] & VERTEX];
+    let normal = octahedral(v.normal);
+    let radius = radius_of(number, 0u);
+    // Right-handed with the normal, so that its front is where that points.
+    let u = normalize(select(cross(normal, vec3(0.0, 0.0, 1.0)), cross(normal, vec3(1.0, 0.0, 0.0)), abs(normal.z) > 0.8));
+    let w = cross(normal, u);
+    let turn = f32(corner) * 2.0943951;
+    return vec3(v.x, v.y, v.z) + 2.0 * radius * (cos(turn) * u + sin(turn) * w);
+}
+
+// Of its weights, summing to 1, the least sum of products at which a triangle is met: inside the circle
+// in an equilateral one for points.
+fn least_product(number: u32) -> f32 {
+    return select(0.0, 0.25, is_point(number));
 }

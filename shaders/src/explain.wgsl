@@ -85,6 +85,17 @@ fn explained(pixel: vec2<f32>, borders: bool) -> vec4<f32> {
     }
     let part = part_of(triangle);
 
+    if is_point(number) {
+        // Points have no borders that could be drawn.
+        let v = vertices[indices[3u * number] & VERTEX];
+        let n = normalize((frame.world_from_model * vec4(octahedral(v.normal), 0.0)).xyz);
+        let at = (frame.world_from_model * vec4(v.x, v.y, v.z, 1.0)).xyz;
+        let to_eye = normalize(select(frame.eye.xyz, frame.eye.xyz - at, frame.eye.w > 0.5));
+        let facing = 0.35 + 0.65 * abs(dot(n, to_eye));
+        let share = select(1.0, 0.25, borders);
+        return vec4(mix(vec3(0.7), colour_of(part.depth), share) * facing, 1.0);
+    }
+
     var corner: array<vec3<f32>, 3>;
     var on_low: array<vec3<bool>, 3>;
     var on_high: array<vec3<bool>, 3>;

@@ -18,16 +18,34 @@ pub const SURFACE: Pass = Pass {
     source: concat!(include_str!("shared.wgsl"), include_str!("surface.wgsl")),
 };
 
-/// Identity and depth of small triangles, in compute; needs 64-bit atomics.
+/// Identity and depth of small triangles and points, in compute; needs 64-bit atomics.
 pub const SMALL: Pass = Pass {
     name: "small",
-    source: concat!(include_str!("shared.wgsl"), include_str!("small.wgsl")),
+    source: concat!(
+        include_str!("shared.wgsl"),
+        include_str!("points.wgsl"),
+        include_str!("small.wgsl")
+    ),
 };
 
-/// Identity and depth of the triangles that [`SMALL`] leaves.
+/// Identity and depth of the triangles and points that [`SMALL`] leaves.
 pub const LARGE: Pass = Pass {
     name: "large",
-    source: concat!(include_str!("shared.wgsl"), include_str!("large.wgsl")),
+    source: concat!(
+        include_str!("shared.wgsl"),
+        include_str!("points.wgsl"),
+        include_str!("large.wgsl")
+    ),
+};
+
+/// Identity and depth of points, where [`SMALL`] is not used.
+pub const SPLATS: Pass = Pass {
+    name: "splats",
+    source: concat!(
+        include_str!("shared.wgsl"),
+        include_str!("points.wgsl"),
+        include_str!("splats.wgsl")
+    ),
 };
 
 /// What [`SMALL`] found, into identity and depth.
@@ -41,6 +59,7 @@ pub const SHADE: Pass = Pass {
     name: "shade",
     source: concat!(
         include_str!("shared.wgsl"),
+        include_str!("points.wgsl"),
         include_str!("visible.wgsl"),
         include_str!("shade.wgsl")
     ),
@@ -51,6 +70,7 @@ pub const SAMPLES: Pass = Pass {
     name: "samples",
     source: concat!(
         include_str!("shared.wgsl"),
+        include_str!("points.wgsl"),
         include_str!("visible.wgsl"),
         include_str!("shadow.wgsl"),
         include_str!("samples.wgsl")
@@ -62,6 +82,7 @@ pub const OCCLUDE: Pass = Pass {
     name: "occlude",
     source: concat!(
         include_str!("shared.wgsl"),
+        include_str!("points.wgsl"),
         include_str!("visible.wgsl"),
         include_str!("shadow.wgsl"),
         include_str!("casters.wgsl"),
@@ -74,6 +95,7 @@ pub const SOFTEN: Pass = Pass {
     name: "soften",
     source: concat!(
         include_str!("shared.wgsl"),
+        include_str!("points.wgsl"),
         include_str!("visible.wgsl"),
         include_str!("shadow.wgsl"),
         include_str!("casters.wgsl"),
@@ -97,8 +119,9 @@ pub const EXPLAIN: Pass = Pass {
 pub const PANEL: Pass = Pass { name: "panel", source: include_str!("panel.wgsl") };
 
 /// Every pass.
-pub const ALL: [Pass; 11] =
-    [SURFACE, SMALL, LARGE, RESOLVE, SHADE, SAMPLES, OCCLUDE, SOFTEN, SETTLE, EXPLAIN, PANEL];
+pub const ALL: [Pass; 12] = [
+    SURFACE, SMALL, LARGE, SPLATS, RESOLVE, SHADE, SAMPLES, OCCLUDE, SOFTEN, SETTLE, EXPLAIN, PANEL,
+];
 
 #[cfg(test)]
 mod tests {

@@ -9,6 +9,7 @@ struct Tile {
     cells: vec4<i32>,
     error: f32,
     noise: f32,
+    least: f32,
 }
 
 struct Tiles {
@@ -30,6 +31,7 @@ fn hide(
     c: vec4<f32>,
     error: f32,
     noise: f32,
+    least: f32,
 ) {
     var at = first;
     var entry = grid.cell[at.y * grid.size.x + at.x];
@@ -61,6 +63,9 @@ fn hide(
         }
         let w = dot(weights, vec3(a.w, b.w, c.w));
         let sum = weights.x + weights.y + weights.z;
+        if least > 0.0 && dot(weights, weights.yzx) < least * sum * sum {
+            continue;
+        }
         // On the light's side that the sample is on, too.
         if w * sum > 0.0 && dot(weights, vec3(a.z, b.z, c.z)) / w < sample.depth - sample.slack * error - noise {
             atomicStore(&occlusion[pixel], HIDDEN);
@@ -75,13 +80,14 @@ fn occlude(
     @builtin(local_invocation_index) i: u32,
 ) {
     let chunk = chunks[min(frame.size.w + group.x + group.y * groups.x, arrayLength(&chunks) - 1u)];
-    if i >= (chunk.count & ~CULLED) {
+    if i >= (chunk.count & COUNT) {
         return;
     }
     let triangle = chunk.first + i;
-    let a = frame.light_from_model * vec4(position_of(indices[3u * triangle]), 1.0);
-    let b = frame.light_from_model * vec4(position_of(indices[3u * triangle + 1u]), 1.0);
-    let c = frame.light_from_model * vec4(position_of(indices[3u * triangle + 2u]), 1.0);
+    let a = frame.light_from_model * vec4(corner_of(triangle, 0u), 1.0);
+    let b = frame.light_from_model * vec4(corner_of(triangle, 1u), 1.0);
+    let c = frame.light_from_model * vec4(corner_of(triangle, 2u), 1.0);
+    let least = least_product(triangle);
     let facing = dot(a.xyw, cross(b.xyw, c.xyw));
     if (chunk.count & CULLED) != 0u && facing <= 0.0 {
         return;
@@ -149,15 +155,15 @@ fn occlude(
                 let slot = atomicAdd(&tiles.count, 1u);
                 let end = min(vec2(x, y) + TILE - 1, to);
                 if slot < arrayLength(&tiles.tile) {
-                    tiles.tile[slot] = Tile(a, b, c, vec4(x, y, end), chunk.error, noise);
+                    tiles.tile[slot] = Tile(a, b, c, vec4(x, y, end), chunk.error, noise, least);
                 } else {
-                    hide(vec2(x, y), end, a, b, c, chunk.error, noise);
+                    hide(vec2(x, y), end, a, b, c, chunk.error, noise, least);
                 }
             }
         }
         return;
     }
-    hide(start, to, a, b, c, chunk.error, noise);
+    hide(start, to, a, b, c, chunk.error, noise, least);
 }
 
 @compute @workgroup_size(64)
@@ -172,7 +178,7 @@ fn occlude_tiles(
         let x = tile.cells.x + i32(i) % TILE;
         let y = tile.cells.y + i32(i) / TILE;
         if x <= tile.cells.z && y <= tile.cells.w {
-            hide(vec2(x, y), vec2(x, y), tile.a, tile.b, tile.c, tile.error, tile.noise);
+            hide(vec2(x, y), vec2(x, y), tile.a, tile.b, tile.c, tile.error, tile.noise, tile.least);
         }
     }
 }

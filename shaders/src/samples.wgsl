@@ -57,7 +57,7 @@ fn place(@builtin(global_invocation_id) id: vec3<u32>) {
     var across = seen.across;
     var error = error_of((identity & ~BACK) - 1u);
     let corners = vec3(indices[3u * triangle], indices[3u * triangle + 1u], indices[3u * triangle + 2u]);
-    if any((corners & vec3(MOVED)) != vec3(0u)) {
+    if !is_point(triangle) && any((corners & vec3(MOVED)) != vec3(0u)) {
         // A skirt stands for the surface that it hangs from, which is as far above as it reaches.
         across = octahedral(vertices[corners.x & VERTEX].normal);
         let to_eye = select(frame.eye.xyz, frame.eye.xyz - seen.world, frame.eye.w > 0.5);

@@ -41,10 +41,13 @@ fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32>
     let w = seen.weights;
     let a = indices[3u * number] & VERTEX;
     let b = indices[3u * number + 1u] & VERTEX;
-    let c = indices[3u * number + 2u] & VERTEX;
-    let normal = w.x * octahedral(vertices[a].normal)
+    // Of a point the last one is no vertex.
+    let of_point = is_point(number);
+    let c = select(indices[3u * number + 2u] & VERTEX, a, of_point);
+    let interpolated = w.x * octahedral(vertices[a].normal)
         + w.y * octahedral(vertices[b].normal)
         + w.z * octahedral(vertices[c].normal);
+    let normal = select(interpolated, seen.across, of_point);
     let position = seen.world;
     var n = normalize((frame.world_from_model * vec4(normal, 0.0)).xyz);
     var albedo = frame.material.rgb;

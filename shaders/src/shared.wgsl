@@ -23,6 +23,9 @@ struct Frame {
     shadow: vec4<f32>,
     // x: what rounding may do to positions, world space.
     bias: vec4<f32>,
+    // Points: model lengths of clip.x, of clip.y, and of clip.w (in parallel views of clip.z), and of a
+    // lattice step.
+    points: vec4<f32>,
     // The part of the picture in which anything is seen: its first pixel, its width and height.
     area: vec4<u32>,
     // x, y: size of the picture in pixels; z: number of the arena's first triangle; w: of its
@@ -42,7 +45,8 @@ struct Vertex {
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> vertices: array<Vertex>;
 // Three for each triangle, counted from the arena's first vertex. Marked ones are the lower
-// corners of skirts, which are moved into the surface within a face of their cell.
+// corners of skirts, which are moved into the surface within a face of their cell. Points have three as
+// well: their vertex, marked, twice, and their radii, a byte each.
 @group(0) @binding(2) var<storage, read> indices: array<u32>;
 
 // A pixel's identity: 0 where nothing is drawn, else 1 + the number of the triangle among all
@@ -51,6 +55,19 @@ const BACK: u32 = 0x80000000u;
 
 const MOVED: u32 = 0x80000000u;
 const VERTEX: u32 = 0x1fffffffu;
+const POINT: u32 = 0xe0000000u;
+
+// Radius of the point with this number, model space: an eighth of an octave a step from a quarter of a
+// lattice step up, and rounding.
+fn radius_of(number: u32, level: u32) -> f32 {
+    let code = (indices[3u * number + 2u] >> (8u * level)) & 255u;
+    return exp2(f32(code) * 0.125 - 2.0) * frame.points.w * 1.00001;
+}
+
+// Whether what has this number, and is counted with the triangles, is a point.
+fn is_point(number: u32) -> bool {
+    return (indices[3u * number] & POINT) == POINT;
+}
 
 fn octahedral(code: u32) -> vec3<f32> {
     let xy = vec2(f32(i32(code << 16u) >> 16u), f32(i32(code) >> 16u)) / 511.0;

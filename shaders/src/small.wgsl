@@ -1,11 +1,11 @@
-// Visible surface, small triangles: one thread each, which loops over the few pixels that the
+// Visible surface, small triangles and points: one thread each, which loops over the few pixels that the
 // triangle may cover and leaves depth and identity in one 64-bit word a pixel; the largest wins.
 // Set-up in fixed function costs the same for a triangle of one pixel as for one of a thousand
 // (Laine & Karras, High-performance software rasterization on GPUs, HPG 2011; Karis, Nanite,
 // SIGGRAPH 2021).
 //
 // Corners are snapped to 1/256 pixel and edges tested in integers, exactly, edges included: no
-// pixel's centre between two triangles that share an edge is missed by both.
+// pixel's centre between two triangles that share an edge is missed by both. For points see points.wgsl.
 
 struct Chunk {
     // Triangles of the arena.
@@ -16,6 +16,8 @@ struct Chunk {
     large: u32,
     // See shadow.wgsl.
     error: f32,
+    // Which radii points have.
+    level: u32,
 }
 
 @group(1) @binding(0) var<storage, read_write> pixels: array<atomic<u64>>;
@@ -27,6 +29,11 @@ struct Chunk {
 
 // In a chunk's count and in the list: whether backs are not drawn.
 const CULLED: u32 = 0x80000000u;
+// In a chunk's count: whether these are points.
+const POINTS: u32 = 0x40000000u;
+const COUNT: u32 = 0x3fffffffu;
+// Points of more pixels from the middle are fixed function's.
+const POINT_EXTENT_MAX: f32 = 24.0;
 const SUBPIXELS: f32 = 256.0;
 // Larger triangles, in sub-pixels, are fixed function's: its edges would overflow here, too.
 const EXTENT_MAX: i32 = 8192;
@@ -42,10 +49,48 @@ fn small(
     @builtin(local_invocation_index) i: u32,
 ) {
     let chunk = chunks[min(frame.size.w + group.x + group.y * groups.x, arrayLength(&chunks) - 1u)];
-    if i >= (chunk.count & ~CULLED) {
+    if i >= (chunk.count & COUNT) {
         return;
     }
-    let triangle = chunk.first + i;
+    if (chunk.count & POINTS) != 0u {
+        small_point(chunk, chunk.first + i);
+    } else {
+        small_triangle(chunk, chunk.first + i);
+    }
+}
+
+fn small_point(chunk: Chunk, number: u32) {
+    let p = point_of(number, chunk.level);
+    let culled = (chunk.count & CULLED) != 0u;
+    if p.clip.y <= 0.0 || p.clip.x > p.clip.y {
+        return;
+    }
+    let middle = pixel_of_point(p);
+    let size = vec2<f32>(frame.size.xy);
+    if any(middle < vec2(-p.extent)) || any(middle > size + p.extent) {
+        return;
+    }
+    if p.extent > POINT_EXTENT_MAX {
+        let slot = chunk.large + atomicAdd(&draws[4u * chunk.draw], 3u) / 3u;
+        large[slot] = number;
+        return;
+    }
+    let first = max(vec2<i32>(ceil(middle - p.extent - 0.5)), vec2(0));
+    let last = min(vec2<i32>(floor(middle + p.extent - 0.5)), vec2<i32>(frame.size.xy) - 1);
+    for (var row = first.y; row <= last.y; row++) {
+        for (var column = first.x; column <= last.x; column++) {
+            let splat = splat_at(p, vec2(f32(column), f32(row)) + 0.5);
+            if splat.covered && !(culled && splat.away) {
+                let identity = frame.size.z + number + 1u;
+                let depth = bitcast<u32>(clamp(splat.depth, 0.0, 1.0));
+                let word = (u64(depth) << 32u) | u64(identity);
+                atomicMax(&pixels[u32(row) * frame.size.x + u32(column)], word);
+            }
+        }
+    }
+}
+
+fn small_triangle(chunk: Chunk, triangle: u32) {
     let culled = (chunk.count & CULLED) != 0u;
     let a = frame.clip_from_model * vec4(position_of(indices[3u * triangle]), 1.0);
     let b = frame.clip_from_model * vec4(position_of(indices[3u * triangle + 1u]), 1.0);

@@ -203,7 +203,7 @@ fn soften(
     @builtin(local_invocation_index) i: u32,
 ) {
     let chunk = chunks[min(frame.size.w + group.x + group.y * groups.x, arrayLength(&chunks) - 1u)];
-    if i >= (chunk.count & ~CULLED) {
+    if i >= (chunk.count & COUNT) {
         return;
     }
     let triangle = chunk.first + i;

@@ -44,7 +44,17 @@ fn barycentric(p: vec4<f32>, q: vec4<f32>, r: vec4<f32>, pixel: vec2<f32>) -> ve
     return inside / (inside.x + inside.y + inside.z);
 }
 
+// Of a triangle, or of a point, whose weights are those of its one vertex. Of points the side that is
+// seen is the front.
 fn seen_point(triangle: u32, pixel: vec2<f32>) -> Seen {
+    if is_point(triangle) {
+        let p = point_of(triangle, 0u);
+        let splat = splat_at(p, pixel);
+        let axes = view_axes();
+        let model = p.centre + axes * splat.offset;
+        let world = (frame.world_from_model * vec4(model, 1.0)).xyz;
+        return Seen(vec3(1.0, 0.0, 0.0), world, model, axes * splat.normal, p.clip.y);
+    }
     let a = position_of(indices[3u * triangle]);
     let b = position_of(indices[3u * triangle + 1u]);
     let c = position_of(indices[3u * triangle + 2u]);

@@ -89,7 +89,7 @@ fn the_same_input_gives_the_same_bytes_whatever_threads_and_memory() {
     assert!(first == bytes(2, 80), "more and less memory write different files");
 }
 
-fn rayon_pool(threads: usize) -> rayon::ThreadPool {
+pub fn rayon_pool(threads: usize) -> rayon::ThreadPool {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap()
 }
 

@@ -5,6 +5,7 @@ mod documents;
 mod dust;
 mod network;
 mod pictures;
+mod points;
 mod programs;
 mod restart;
 mod shadows;

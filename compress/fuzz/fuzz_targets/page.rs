@@ -1,15 +1,17 @@
-//! Any bytes are a mesh or an error; a mesh can be coded again and comes back as it was.
+//! Any bytes are a page or an error; what a page holds can be coded again and comes back as it was.
 #![no_main]
 
-use hlod_compress::{decode_mesh, encode_mesh};
+use hlod_compress::{decode_page, encode_page};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
-    if let Ok(mesh) = decode_mesh(bytes)
-        && let Ok(page) = encode_mesh(&mesh, 0)
+    if let Ok(content) = decode_page(bytes)
+        && let Ok(page) = encode_page(&content, 0, 0)
     {
-        let again = decode_mesh(&page).expect("what was encoded can be decoded");
-        assert_eq!(again.triangles.len(), mesh.triangles.len());
-        assert_eq!(again.bounds(), mesh.bounds());
+        let again = decode_page(&page).expect("what was encoded can be decoded");
+        assert_eq!(again.mesh.triangles.len(), content.mesh.triangles.len());
+        assert_eq!(again.mesh.bounds(), content.mesh.bounds());
+        assert_eq!(again.points.len(), content.points.len());
+        assert_eq!(again.points.bounds(), content.points.bounds());
     }
 });

@@ -18,6 +18,9 @@ fn header() -> Header {
         bounds: [[0; 3], [5; 3]],
         sources: vec![SourceFile { base_name: "a.ply".into(), file_bytes: 12, sha256: [7; 32] }],
         triangles_input: 99,
+        points_input: 0,
+        primitives: crate::Primitives::Hybrid,
+        point_cost: 0.5,
         resolution: 256,
         leaf_triangles: 16_384,
         normal_noise: 2.0,
@@ -41,6 +44,7 @@ fn node(cell: CellKey, kinds: &[RepresentationKind]) -> NodeRecord {
         vertices: 3,
         triangles: 1,
         points: 0,
+        cover_radius: 0.0,
         page: PageRef::of_bytes(&page_of(cell, kind)),
     };
     NodeRecord {

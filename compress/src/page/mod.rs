@@ -68,23 +68,28 @@ pub struct PageCounts {
     pub points: u32,
 }
 
-/// Encodes what a node is drawn with; positions of triangles, and of points, are all multiples of
-/// `2^grid_shift` from their lowest corner.
+/// Encodes what a node is drawn with; positions of triangles are all multiples of `2^grid_shift` from
+/// their lowest corner, and those of points of `2^point_shift`.
 ///
 /// # Errors
 /// When there is more than a page may hold.
 ///
 /// # Panics
 /// When the content is inconsistent or off the grid: both are the caller's mistakes.
-pub fn encode_page(content: &PageContent, grid_shift: u8) -> Result<Vec<u8>, FormatError> {
+pub fn encode_page(
+    content: &PageContent,
+    grid_shift: u8,
+    point_shift: u8,
+) -> Result<Vec<u8>, FormatError> {
     let PageContent { mesh, points } = content;
     if points.is_empty() {
         return encode_mesh(mesh, grid_shift);
     }
     if mesh.positions.is_empty() {
-        return encode_points(points, grid_shift);
+        return encode_points(points, point_shift);
     }
-    let (triangles, points) = (encode_mesh(mesh, grid_shift)?, encode_points(points, grid_shift)?);
+    let triangles = encode_mesh(mesh, grid_shift)?;
+    let points = encode_points(points, point_shift)?;
     let mut w = ByteWriter::default();
     w.u8(TAG_BOTH);
     w.u32(triangles.len() as u32);
@@ -99,7 +104,7 @@ pub fn encode_page(content: &PageContent, grid_shift: u8) -> Result<Vec<u8>, For
 /// On any byte sequence that [`encode_page`] does not write: no panic, and no allocation that
 /// the page's declared and limited counts do not explain.
 pub fn decode_page(page: &[u8]) -> Result<PageContent, FormatError> {
-    let (triangles, points) = parts(page)?;
+    let Parts { triangles, points } = parts(page)?;
     Ok(PageContent {
         mesh: triangles.map(decode_mesh).transpose()?.unwrap_or_default(),
         points: points.map(decode_points).transpose()?.unwrap_or_default(),
@@ -111,21 +116,27 @@ pub fn decode_page(page: &[u8]) -> Result<PageContent, FormatError> {
 /// # Errors
 /// When the bytes do not begin like a page.
 pub fn encoded_counts(page: &[u8]) -> Result<PageCounts, FormatError> {
-    let (triangles, points) = parts(page)?;
+    let Parts { triangles, points } = parts(page)?;
     let (vertices, triangles) = triangles.map(mesh_counts).transpose()?.unwrap_or_default();
     let points = points.map(encoded_point_count).transpose()?.unwrap_or_default();
     Ok(PageCounts { vertices, triangles, points })
 }
 
-/// The triangles' and the points' bytes.
-fn parts(page: &[u8]) -> Result<(Option<&[u8]>, Option<&[u8]>), FormatError> {
+/// The bytes of a page's parts.
+struct Parts<'a> {
+    triangles: Option<&'a [u8]>,
+    points: Option<&'a [u8]>,
+}
+
+fn parts(page: &[u8]) -> Result<Parts<'_>, FormatError> {
     let mut r = ByteReader::new("page", page);
     match r.u8()? {
-        TAG_TRIANGLES => Ok((Some(page), None)),
-        TAG_POINTS => Ok((None, Some(page))),
+        TAG_TRIANGLES => Ok(Parts { triangles: Some(page), points: None }),
+        TAG_POINTS => Ok(Parts { triangles: None, points: Some(page) }),
         TAG_BOTH => {
             let triangles = r.u32()? as usize;
-            Ok((Some(r.take(triangles)?), Some(r.take(r.remaining())?)))
+            let triangles = Some(r.take(triangles)?);
+            Ok(Parts { triangles, points: Some(r.take(r.remaining())?) })
         }
         tag => Err(FormatError::malformed("page", format!("unknown kind {tag}"))),
     }

@@ -8,7 +8,7 @@
 //!
 //! ```text
 //! tag u8 · flags u8 · grid shift u8 · prefixes u8 · points u32 · lowest corner 3×i32 · extent 3×u32 ·
-//! {count u32 · radius added u32} for each prefix · bytes of symbols u32 · symbols · plain bits
+//! count u32 for each prefix · bytes of symbols u32 · symbols · plain bits
 //! ```
 
 use super::normals::{code_normal, on_octahedron};
@@ -62,8 +62,7 @@ pub(crate) fn encode_points(points: &Points, grid_shift: u8) -> Result<Vec<u8>, 
     w.vec3_i32(lowest);
     extent.iter().for_each(|&c| w.u32(c));
     for prefix in &points.prefixes {
-        w.u32(prefix.count);
-        w.u32(prefix.radius_added);
+        w.u32(prefix.radii.len() as u32);
     }
     w.u32(symbols.len() as u32);
     w.put(&symbols);
@@ -99,14 +98,12 @@ pub(crate) fn decode_points(page: &[u8]) -> Result<Points, FormatError> {
     {
         return Err(bad(format!("{count} points, grid 2^{grid_shift}, extent {extent:?}")));
     }
-    let mut prefixes = Vec::with_capacity(prefix_count.into());
+    let mut ends = Vec::with_capacity(usize::from(prefix_count) + 1);
     for _ in 0..prefix_count {
-        prefixes.push(PointPrefix { count: r.u32()?, radius_added: r.u32()? });
+        ends.push(r.u32()? as usize);
     }
-    let rising = prefixes.iter().map(|p| p.count).chain([count]).try_fold(0, |before, end| {
-        (end > before || prefixes.is_empty()).then_some(end)
-    });
-    if rising.is_none() {
+    ends.push(count as usize);
+    if ends[0] == 0 && prefix_count > 0 || ends.windows(2).any(|pair| pair[1] <= pair[0]) {
         return Err(bad("its prefixes do not grow".into()));
     }
     let symbols = r.u32()? as usize;
@@ -118,11 +115,10 @@ pub(crate) fn decode_points(page: &[u8]) -> Result<Points, FormatError> {
     }
 
     let has_colours = flags & FLAG_COLOURS != 0;
-    let declared = Declared { ends: ends(count as usize, &prefixes), extent, has_colours };
+    let declared = Declared { ends, extent, has_colours };
     let mut coder = Decoder::new(symbols, bits)?;
     let mut points = code(&mut coder, &declared, None)?;
     coder.finish()?;
-    points.prefixes = prefixes;
     for position in &mut points.positions {
         for axis in 0..3 {
             let value = (i64::from(position[axis]) << grid_shift) + i64::from(lowest[axis]);
@@ -136,7 +132,7 @@ pub(crate) fn decode_points(page: &[u8]) -> Result<Points, FormatError> {
 
 /// Where the parts of the progressive order end.
 fn ends(count: usize, prefixes: &[PointPrefix]) -> Vec<usize> {
-    prefixes.iter().map(|prefix| prefix.count as usize).chain([count]).collect()
+    prefixes.iter().map(|prefix| prefix.radii.len()).chain([count]).collect()
 }
 
 struct Declared {
@@ -193,6 +189,19 @@ fn code<C: Coder>(
         }
         first = end;
     }
+    // Of the beginnings, how much larger than their own their points' radii are.
+    for (prefix, &end) in declared.ends.iter().rev().skip(1).rev().enumerate() {
+        let mut growth = Signed::<1>::new(0);
+        let mut radii = Vec::with_capacity(end);
+        for at in 0..end {
+            let own = i32::from(out.radii[at].0);
+            let known = truth.as_ref().map_or(0, |t| {
+                i32::from(t.points.prefixes[prefix].radii[t.order[at] as usize].0) - own
+            });
+            radii.push(PointRadius(own.wrapping_add(growth.code(coder, 0, known)) as u8));
+        }
+        out.prefixes.push(PointPrefix { radii });
+    }
     Ok(out)
 }
 
@@ -203,11 +212,11 @@ fn longest(bits: [u8; 3]) -> usize {
 /// The positions of a cell that is one place, or holds one point.
 fn place<C: Coder>(coder: &mut C, cell: Cell, truth: &Option<Truth<'_>>, out: &mut Vec<[i32; 3]>) {
     let mut position = [0; 3];
-    for axis in 0..3 {
+    for (axis, at) in position.iter_mut().enumerate() {
         let known = truth.as_ref().map_or(0, |t| {
             t.positions[t.order[cell.first as usize] as usize][axis] as u32 - cell.low[axis]
         });
-        position[axis] = (cell.low[axis] + coder.bits(cell.bits[axis].into(), known)) as i32;
+        *at = (cell.low[axis] + coder.bits(cell.bits[axis].into(), known)) as i32;
     }
     out.extend(std::iter::repeat_n(position, cell.count as usize));
 }
@@ -384,7 +393,7 @@ mod tests {
     use crate::OctNormal;
     use proptest::prelude::*;
 
-    type Point = ([i32; 3], OctNormal, [u8; 4], PointRadius);
+    type Point = ([i32; 3], OctNormal, [u8; 4], (PointRadius, Vec<PointRadius>));
 
     /// What must survive: each part of the order, whatever its own.
     fn canonical(points: &Points) -> Vec<Vec<Point>> {
@@ -393,7 +402,18 @@ mod tests {
             .into_iter()
             .map(|end| {
                 let colour = |p: usize| points.colours.get(p).copied().unwrap_or_default();
-                let point = |p| (points.positions[p], points.normals[p], colour(p), points.radii[p]);
+                let of_prefixes = |p: usize| {
+                    points
+                        .prefixes
+                        .iter()
+                        .filter_map(|prefix| prefix.radii.get(p))
+                        .copied()
+                        .collect()
+                };
+                let point = |p| {
+                    let radii = (points.radii[p], of_prefixes(p));
+                    (points.positions[p], points.normals[p], colour(p), radii)
+                };
                 let mut part: Vec<Point> = (first..end).map(point).collect();
                 part.sort_unstable();
                 first = end;
@@ -406,7 +426,6 @@ mod tests {
         let page = encode_points(points, shift).unwrap();
         let decoded = decode_points(&page).unwrap();
         assert_eq!(canonical(points), canonical(&decoded));
-        assert_eq!(points.prefixes, decoded.prefixes);
         assert_eq!(points.has_colours(), decoded.has_colours());
         assert_eq!(encoded_point_count(&page).unwrap() as usize, points.len());
         // What comes out goes in again, the same.
@@ -431,17 +450,18 @@ mod tests {
         points
     }
 
+    fn prefix(count: u8) -> PointPrefix {
+        PointPrefix { radii: (0..count).map(|i| PointRadius(40 + i % 7)).collect() }
+    }
+
     #[test]
     fn points_survive_coding() {
-        for (n, shift, has_colours) in [(0, 0, false), (1, 0, true), (40, 3, true), (9, 20, false)] {
+        for (n, shift, has_colours) in [(0, 0, false), (1, 0, true), (40, 3, true), (9, 20, false)]
+        {
             assert_survives(&bowl(n, shift, has_colours), shift);
         }
         let mut points = bowl(30, 2, true);
-        points.prefixes = vec![
-            PointPrefix { count: 100, radius_added: 9 },
-            PointPrefix { count: 101, radius_added: 5 },
-            PointPrefix { count: 400, radius_added: 0 },
-        ];
+        points.prefixes = [100u8, 101, 200].map(prefix).to_vec();
         assert_survives(&points, 2);
         // All in one place.
         let mut points = bowl(20, 0, false);
@@ -460,9 +480,10 @@ mod tests {
     #[test]
     fn the_comparison_sees_every_difference() {
         let mut points = bowl(5, 0, true);
-        points.prefixes = vec![PointPrefix { count: 7, radius_added: 1 }];
+        points.prefixes = vec![prefix(7)];
         type Change = fn(&mut Points);
-        let changes: [Change; 5] = [
+        let changes: [Change; 6] = [
+            |p| p.prefixes[0].radii[2].0 += 1,
             |p| p.positions[3][0] += 1,
             |p| p.normals[3] = OctNormal::encode([1.0, 0.0, 0.0]),
             |p| p.colours[3][1] ^= 1,
@@ -485,7 +506,7 @@ mod tests {
                 1..200,
             ),
             has_colours in any::<bool>(),
-            cuts in prop::collection::btree_set(1u32..200, 0..4),
+            cuts in prop::collection::btree_set(1u8..200, 0..4),
             wide in 0u32..=20,
         ) {
             let mut all = Points::default();
@@ -497,9 +518,8 @@ mod tests {
                     all.colours.push(colour);
                 }
             }
-            let count = all.len() as u32;
-            let cuts = cuts.into_iter().filter(|&c| c < count);
-            all.prefixes = cuts.map(|count| PointPrefix { count, radius_added: count }).collect();
+            let count = all.len();
+            all.prefixes = cuts.into_iter().filter(|&c| usize::from(c) < count).map(prefix).collect();
             assert_survives(&all, 0);
         }
 
@@ -510,7 +530,7 @@ mod tests {
             cut in 0usize..2_000,
         ) {
             let mut points = bowl(12, 1, true);
-            points.prefixes = vec![PointPrefix { count: 70, radius_added: 4 }];
+            points.prefixes = vec![prefix(70)];
             let page = encode_points(&points, 1).unwrap();
             let mut damaged = page.clone();
             let at = at % damaged.len();

@@ -161,8 +161,8 @@ pub enum ScanError {
 
     /// Vertices without triangles where triangles are needed.
     #[error(
-        "{at}: {vertices} vertices but no faces; point clouds are read from PLY files with normals, \
-         so convert it, or reconstruct a surface first"
+        "{at}: {vertices} vertices but no faces, where triangles are needed; hlod-build makes levels of \
+         detail of point clouds, from PLY files with normals"
     )]
     PointsOnly {
         /// Which file.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use hlod_build::{BuildOptions, Selection};
-use hlod_compress::{RepresentationKind, SignedAxis, Unit};
+use hlod_compress::{Primitives, RepresentationKind, SignedAxis, Unit};
 
 /// Turn a scan into one .hlod file: an octree of levels of detail with known error.
 #[derive(Parser)]
@@ -81,6 +81,14 @@ pub struct BuildArgs {
     /// triangles.
     #[arg(long, default_value_t = 2.0, value_name = "FACTOR", value_parser = not_negative)]
     pub normal_noise: f32,
+    /// What levels above the leaves are drawn with: triangles, points, or hybrid, which is points
+    /// where triangles are smaller than a pixel and points cost less. Point clouds are points
+    /// whatever this says.
+    #[arg(long, default_value = "triangles", value_name = "PRIMITIVES")]
+    pub representation: Primitives,
+    /// What drawing a point costs, in triangles, as measured where the file will be shown.
+    #[arg(long, default_value_t = 0.5, value_name = "RATIO", value_parser = point_cost)]
+    pub point_cost: f32,
     /// Memory the build may use, as in 512MiB or 4GiB; what does not fit goes to the work folder.
     #[arg(long, default_value = "4GiB", value_parser = byte_count)]
     pub memory: u64,
@@ -157,6 +165,14 @@ fn byte_count(text: &str) -> Result<u64, String> {
     }
 }
 
+fn point_cost(text: &str) -> Result<f32, String> {
+    let cost: f32 = text.parse().map_err(|_| "expected a number".to_owned())?;
+    match cost {
+        0.001..=1000.0 => Ok(cost),
+        _ => Err("expected a number from 0.001 to 1000".into()),
+    }
+}
+
 impl BuildArgs {
     pub fn options(&self) -> Result<BuildOptions, String> {
         let z_up = self.up.axis == 2;
@@ -169,6 +185,8 @@ impl BuildArgs {
             resolution: self.resolution,
             leaf_triangles: self.leaf_triangles,
             normal_noise: self.normal_noise,
+            primitives: self.representation,
+            point_cost: self.point_cost,
             precision: self.precision,
             unit: self.unit,
             up: self.up,

@@ -132,7 +132,11 @@ pub fn info(info: &Info) -> String {
         ("header, skeleton", info.bytes_skeleton),
         ("file", info.bytes_total),
     ] {
-        parts.add_row([name, &grouped(bytes), &format!("{:.3}", bytes as f64 / count.max(1) as f64)]);
+        parts.add_row([
+            name,
+            &grouped(bytes),
+            &format!("{:.3}", bytes as f64 / count.max(1) as f64),
+        ]);
     }
     let mut levels = table(&[
         "depth",

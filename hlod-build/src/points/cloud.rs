@@ -12,8 +12,7 @@ use hlod_compress::{
 
 use super::cluster::clustered;
 use super::spacing::radii;
-use super::{PIXEL_A_ERROR, Point, SPACING_PX, to_page};
-use crate::borders::Cube;
+use super::{PIXEL_A_ERROR, Point, SPACING_PX, round, to_page};
 use crate::cone::ConeBuilder;
 use crate::hierarchy::{
     BuiltNode, NodeError, Piece, Pieces, Setting, degrees_up, gathered, record, representation,
@@ -56,7 +55,9 @@ pub(crate) fn split_into_leaves(
     }
     (0..8u8)
         .zip(parts)
-        .flat_map(|(octant, part)| split_into_leaves(cell.child(octant), part, lattice, leaf_points))
+        .flat_map(|(octant, part)| {
+            split_into_leaves(cell.child(octant), part, lattice, leaf_points)
+        })
         .collect()
 }
 
@@ -67,10 +68,8 @@ pub(crate) fn build_leaf(
     setting: &Setting<'_>,
 ) -> Result<(BuiltNode, Piece), NodeError> {
     let CloudLeaf { cell, mut points } = leaf;
-    let lattice = &setting.lattice;
-    let cube = Cube { min: lattice.cell_min(cell), units: lattice.cell_units(cell.depth()) };
     let places: Vec<_> = points.iter().map(|p| (p.position, p.normal)).collect();
-    for (point, radius) in points.iter_mut().zip(radii(&places, &cube)) {
+    for (point, radius) in points.iter_mut().zip(radii(&places)) {
         point.reach = radius;
     }
     let mut sorted: Vec<f64> = points.iter().map(|p| p.reach).collect();
@@ -96,7 +95,7 @@ pub(crate) fn build_inner(
     drop(all);
     // Far below what is seen, and no finer: positions take most of a page.
     let grid_shift = (budget / 4.0).log2().floor().max(0.0) as u8;
-    points.iter_mut().for_each(|point| round(point, grid_shift));
+    round(&mut points, grid_shift);
 
     let step = lattice.step;
     let moved = points.iter().map(|p| p.moved).fold(0.0, f64::max);
@@ -112,16 +111,6 @@ pub(crate) fn build_inner(
     let below = below.reduce(union);
     let kind = RepresentationKind::Appearance;
     node(cell, kind, points, spacing, grid_shift, errors, below, setting)
-}
-
-/// Moves a point to the nearest multiple of 2^`shift`.
-fn round(point: &mut Point, shift: u8) {
-    let before = point.at();
-    let half = if shift > 0 { 1i32 << (shift - 1) } else { 0 };
-    point.position = point.position.map(|c| (c + half) >> shift << shift);
-    let by = point.at().distance(before);
-    point.moved += by;
-    point.reach += by;
 }
 
 /// Angles by which normals of all, of 99 and of 90 % of the scan's points differ at most; radians.
@@ -141,10 +130,7 @@ fn deviations(points: &[Point]) -> [f64; 3] {
 }
 
 fn union(a: [[i32; 3]; 2], b: [[i32; 3]; 2]) -> [[i32; 3]; 2] {
-    [
-        std::array::from_fn(|i| a[0][i].min(b[0][i])),
-        std::array::from_fn(|i| a[1][i].max(b[1][i])),
-    ]
+    [std::array::from_fn(|i| a[0][i].min(b[0][i])), std::array::from_fn(|i| a[1][i].max(b[1][i]))]
 }
 
 #[expect(clippy::too_many_arguments, reason = "what leaves and inner nodes have in common")]
@@ -160,7 +146,7 @@ fn node(
 ) -> Result<(BuiltNode, Piece), NodeError> {
     let page_points = to_page(&points, spacing, setting.has_colours);
     let content = PageContent { points: page_points, ..PageContent::default() };
-    let page = encode_page(&content, grid_shift)?;
+    let page = encode_page(&content, 0, grid_shift)?;
     let representation = representation(kind, errors, &content, &page, setting.lattice.step);
     // What is drawn of a point reaches round it.
     let margin = content.points.largest_radius_steps().ceil() as i32;

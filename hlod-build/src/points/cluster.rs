@@ -74,7 +74,8 @@ mod tests {
 
     #[test]
     fn a_thin_sheet_keeps_its_two_sides() {
-        let both = [point([1, 1, 1], [0.0, 0.0, 1.0], 1.0), point([2, 1, 1], [0.0, 0.0, -1.0], 1.0)];
+        let both =
+            [point([1, 1, 1], [0.0, 0.0, 1.0], 1.0), point([2, 1, 1], [0.0, 0.0, -1.0], 1.0)];
         assert_eq!(clustered(&both, 100.0).len(), 2);
         let same = [both[0], point([2, 1, 1], [0.1, 0.0, 1.0], 1.0)];
         let one = clustered(&same, 100.0);

@@ -11,6 +11,7 @@
 
 pub(crate) mod cloud;
 mod cluster;
+pub(crate) mod cover;
 mod progressive;
 mod spacing;
 
@@ -58,6 +59,18 @@ impl Point {
 /// Angle between two directions, radians.
 pub(crate) fn angle_between(a: DVec3, b: DVec3) -> f64 {
     a.cross(b).length().atan2(a.dot(b))
+}
+
+/// Moves points to the nearest multiples of 2^`shift`.
+pub(crate) fn round(points: &mut [Point], shift: u8) {
+    let half = if shift > 0 { 1i32 << (shift - 1) } else { 0 };
+    for point in points {
+        let before = point.at();
+        point.position = point.position.map(|c| (c + half) >> shift << shift);
+        let by = point.at().distance(before);
+        point.moved += by;
+        point.reach += by;
+    }
 }
 
 /// Points as pages hold them, in progressive order.

@@ -3,7 +3,7 @@
 
 use std::num::NonZero;
 
-use hlod_compress::PointPrefix;
+use hlod_compress::{PointPrefix, PointRadius};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
 use super::Point;
@@ -21,37 +21,50 @@ pub(super) fn progressive(points: &[Point], spacing: f64) -> (Vec<u32>, Vec<Poin
     // From the longest beginning to the shortest, each chosen from the one before.
     let mut chosen: Vec<u32> = (0..points.len() as u32).collect();
     let mut rank = vec![u8::MAX; points.len()];
-    let mut prefixes = Vec::new();
+    let mut beginnings = Vec::new();
     for (i, coarser) in COARSER.iter().enumerate().rev() {
         let subset: Vec<Point> = chosen.iter().map(|&p| points[p as usize]).collect();
         let kept = groups(&subset, spacing * coarser);
-        if kept.len() as f64 > WORTH * chosen.len() as f64 {
+        if kept.len() as f64 >= WORTH * chosen.len() as f64 {
             continue;
         }
         chosen = kept.iter().map(|group| chosen[middle(&subset, group) as usize]).collect();
         chosen.iter().for_each(|&p| rank[p as usize] = i as u8);
-        let radius_added = added(points, &chosen).ceil() as u32;
-        prefixes.push(PointPrefix { count: chosen.len() as u32, radius_added });
+        beginnings.push(reaches(points, &chosen));
     }
-    prefixes.reverse();
+    beginnings.reverse();
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
     order.sort_by_key(|&p| rank[p as usize]);
+    let radii = |reaches: Vec<f64>| {
+        let count = reaches.iter().filter(|reach| **reach > 0.0).count();
+        let of = |p: &u32| PointRadius::at_least(reaches[*p as usize]);
+        PointPrefix { radii: order[..count].iter().map(of).collect() }
+    };
+    let prefixes = beginnings.into_iter().map(radii).collect();
     (order, prefixes)
 }
 
-/// How much larger the balls of those chosen have to be to hold those of all others.
-fn added(points: &[Point], chosen: &[u32]) -> f64 {
-    let places: Vec<[f64; 3]> = chosen.iter().map(|&p| points[p as usize].at().to_array()).collect();
+/// Radii with which those chosen hold the balls of all points; 0 for the others.
+fn reaches(points: &[Point], chosen: &[u32]) -> Vec<f64> {
+    let places: Vec<[f64; 3]> =
+        chosen.iter().map(|&p| points[p as usize].at().to_array()).collect();
     let tree: ImmutableKdTree<f64, 3> = ImmutableKdTree::new_from_slice(&places);
-    let needed = |p: &Point| {
-        let near = tree.nearest_n::<SquaredEuclidean>(&p.at().to_array(), NEAREST);
-        let by = near.iter().map(|found| {
-            let by = &points[chosen[found.item as usize] as usize];
-            by.at().distance(p.at()) + p.reach - by.reach
-        });
-        by.fold(f64::INFINITY, f64::min)
-    };
-    points.iter().map(needed).fold(0.0, f64::max)
+    let mut out = vec![0.0; points.len()];
+    // None is left without a radius, however small its own.
+    chosen.iter().for_each(|&p| out[p as usize] = points[p as usize].reach.max(f64::MIN_POSITIVE));
+    for (p, point) in points.iter().enumerate() {
+        if out[p] > 0.0 {
+            continue;
+        }
+        let near = tree.nearest_n::<SquaredEuclidean>(&point.at().to_array(), NEAREST);
+        let needed = |by: u32| points[by as usize].at().distance(point.at()) + point.reach;
+        let mut candidates = near.iter().map(|found| chosen[found.item as usize]);
+        if !candidates.clone().any(|by| needed(by) <= out[by as usize]) {
+            let nearest = candidates.next().expect("something is chosen");
+            out[nearest as usize] = needed(nearest);
+        }
+    }
+    out
 }
 
 #[cfg(test)]
@@ -81,17 +94,14 @@ mod tests {
         sorted.sort_unstable();
         assert!(sorted.iter().copied().eq(0..1600));
         // Every second one either way, and every second one.
-        assert_eq!(prefixes[0].count, 400);
-        assert!(prefixes[0].radius_added <= 20, "{prefixes:?}");
-        assert!(prefixes.len() == 1 || prefixes[1].count <= 1200, "{prefixes:?}");
+        assert_eq!(prefixes[0].radii.len(), 400);
+        assert!(prefixes[0].radii.iter().all(|r| r.steps() < 30.0));
+        assert!(prefixes.len() == 1 || prefixes[1].radii.len() <= 1200);
         for prefix in prefixes {
-            let first: Vec<Point> =
-                order[..prefix.count as usize].iter().map(|&p| points[p as usize]).collect();
             for p in &points {
-                let holds = |q: &Point| {
-                    q.at().distance(p.at()) + p.reach <= q.reach + f64::from(prefix.radius_added)
-                };
-                assert!(first.iter().any(holds), "{p:?} is not covered");
+                let mut first = order.iter().map(|&q| &points[q as usize]).zip(&prefix.radii);
+                let holds = first.any(|(q, r)| q.at().distance(p.at()) + p.reach <= r.steps());
+                assert!(holds, "{p:?} is not covered");
             }
         }
     }

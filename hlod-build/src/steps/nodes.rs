@@ -19,8 +19,7 @@ use crate::certificate::{Carried, Deviation};
 use crate::cone::ConeBuilder;
 use crate::error::BuildError;
 use crate::hierarchy::{
-    BuiltNode, NODE_BYTES_A_TRIANGLE, NodeError, Piece, Pieces, Setting, build_inner, build_leaf,
-    build_subtree,
+    BuiltNode, NodeError, Piece, Pieces, Setting, build_inner, build_leaf, build_subtree,
 };
 use crate::oddities::Oddities;
 use crate::partition::{Leaf, Vertex, cut_into_leaves};
@@ -115,7 +114,7 @@ pub(crate) fn build_upper_step(
                 loaded += if row.depth <= u64::from(deepest) { row.triangles } else { 0 };
             }
         }
-        let needed = gathered * NODE_BYTES_A_TRIANGLE + loaded * PIECE_BYTES_A_TRIANGLE;
+        let needed = setting.node_bytes(gathered) + loaded * PIECE_BYTES_A_TRIANGLE;
         let _admitted = setting.admit(needed).map_err(|error| said(error, folder))?;
         let mut pieces = Pieces::new();
         for file in &files {
@@ -129,7 +128,7 @@ pub(crate) fn build_upper_step(
     })
 }
 
-/// Of a piece in memory.
+/// Of a piece in memory; of a point it is less.
 const PIECE_BYTES_A_TRIANGLE: u64 = 60;
 
 fn said(error: NodeError, folder: &WorkFolder) -> BuildError {

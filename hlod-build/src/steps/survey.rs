@@ -286,7 +286,8 @@ impl Sums {
         memory_bytes: usize,
     ) -> Result<Sums, BuildError> {
         let file = folder.file(SUMS);
-        let writer = (account.normals_lacking > 0).then(|| RecordWriter::create(&file)).transpose()?;
+        let writer =
+            (account.normals_lacking > 0).then(|| RecordWriter::create(&file)).transpose()?;
         Ok(Sums {
             needed: account.normals_lacking > 0,
             file,

@@ -75,13 +75,25 @@ pub(crate) struct StepOptions {
     pub(crate) leaf_triangles: u32,
     pub(crate) precision: Option<f64>,
     pub(crate) normal_noise: f32,
+    pub(crate) primitives: String,
+    pub(crate) point_cost: f32,
 }
 
 impl std::fmt::Display for StepOptions {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let StepOptions { resolution, leaf_triangles, precision, normal_noise } = self;
+        let StepOptions {
+            resolution,
+            leaf_triangles,
+            precision,
+            normal_noise,
+            primitives,
+            point_cost,
+        } = self;
         write!(f, "resolution {resolution}, leaf triangles {leaf_triangles}, ")?;
-        write!(f, "normal noise {normal_noise}, precision ")?;
+        write!(
+            f,
+            "normal noise {normal_noise}, {primitives}, point cost {point_cost}, precision "
+        )?;
         match precision {
             Some(step) => write!(f, "{step}"),
             None => f.write_str("found"),

@@ -17,9 +17,12 @@ const EMPTY_SHELLS_MAX: i32 = 2;
 /// A coarser grid's cells are so many times larger.
 const COARSER: f64 = 4.0;
 
-/// Triangles to which distances can be asked for.
+/// Triangles, and balls, to which distances can be asked for.
 pub(crate) struct Target {
+    /// Balls are triangles of one place, and come last.
     triangles: Vec<[DVec3; 3]>,
+    /// Of the balls.
+    radii: Vec<f64>,
     /// Their bounds.
     boxes: Vec<(DVec3, DVec3)>,
     low: DVec3,
@@ -42,9 +45,24 @@ struct Grid {
 
 impl Target {
     pub(crate) fn new(corners: impl Iterator<Item = [[f64; 3]; 3]>) -> Target {
-        let triangles: Vec<[DVec3; 3]> = corners.map(|t| t.map(DVec3::from_array)).collect();
+        Target::with_balls(corners, std::iter::empty())
+    }
+
+    /// Triangles, and balls by their middles and radii, numbered after the triangles.
+    pub(super) fn with_balls(
+        corners: impl Iterator<Item = [[f64; 3]; 3]>,
+        balls: impl Iterator<Item = ([f64; 3], f64)>,
+    ) -> Target {
+        let mut triangles: Vec<[DVec3; 3]> = corners.map(|t| t.map(DVec3::from_array)).collect();
         let bounds = |t: &[DVec3; 3]| (t[0].min(t[1]).min(t[2]), t[0].max(t[1]).max(t[2]));
-        let boxes: Vec<(DVec3, DVec3)> = triangles.iter().map(bounds).collect();
+        let mut boxes: Vec<(DVec3, DVec3)> = triangles.iter().map(bounds).collect();
+        let mut radii = Vec::new();
+        for (middle, radius) in balls {
+            let middle = DVec3::from_array(middle);
+            triangles.push([middle; 3]);
+            boxes.push((middle - radius, middle + radius));
+            radii.push(radius);
+        }
         let (mut low, mut high, mut sum) = (DVec3::INFINITY, DVec3::NEG_INFINITY, 0.0);
         for &(lo, hi) in &boxes {
             low = low.min(lo);
@@ -64,7 +82,7 @@ impl Target {
             size *= COARSER;
             grids.push((size, OnceLock::new()));
         }
-        Target { triangles, boxes, low, extent, grids }
+        Target { triangles, radii, boxes, low, extent, grids }
     }
 
     fn grid<'a>(&'a self, (size, grid): &'a (f64, OnceLock<Grid>)) -> &'a Grid {
@@ -122,7 +140,7 @@ impl Target {
             for y in clamp(a[1])..=clamp(b[1]) {
                 for z in clamp(a[2])..=clamp(b[2]) {
                     for &t in grid.at([x, y, z]) {
-                        let near = distance2(p, &self.triangles[t as usize]) <= radius * radius;
+                        let near = self.distance2(p, t as usize) <= radius * radius;
                         if near && visit(t as usize) {
                             return;
                         }
@@ -158,10 +176,21 @@ impl Target {
         }
     }
 
+    fn distance2(&self, p: DVec3, triangle: usize) -> f64 {
+        let first_ball = self.triangles.len() - self.radii.len();
+        match triangle.checked_sub(first_ball) {
+            None => distance2(p, &self.triangles[triangle]),
+            Some(ball) => {
+                let outside = p.distance(self.triangles[triangle][0]) - self.radii[ball];
+                outside.max(0.0).powi(2)
+            }
+        }
+    }
+
     fn try_triangle(&self, p: DVec3, triangle: usize, best: &mut (f64, usize)) {
         let (lo, hi) = self.boxes[triangle];
         if box_distance2(p, lo, hi) < best.0 {
-            let distance2 = distance2(p, &self.triangles[triangle]);
+            let distance2 = self.distance2(p, triangle);
             if distance2 < best.0 {
                 *best = (distance2, triangle);
             }

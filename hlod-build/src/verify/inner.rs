@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use glam::DVec3;
-use hlod_compress::{CellKey, HlodFile, Mesh, NodeRecord, RepresentationKind};
+use hlod_compress::{CellKey, HlodFile, Mesh, NodeRecord, PageContent, RepresentationKind};
 use rayon::prelude::*;
 
 use super::distance::Target;
@@ -25,7 +25,7 @@ pub(super) fn check(
     let views: Vec<Stored> = node
         .representations
         .iter()
-        .map(|r| Ok(Stored::new(node.cell, r, check_page(file, node, r)?.mesh, originals)))
+        .map(|r| Ok(Stored::new(node.cell, r, check_page(file, node, r)?, originals)))
         .collect::<Result<_, String>>()?;
     let blocks = originals.blocks(node.cell);
     // Findings of blocks are combined by their largest, in which order makes no difference.
@@ -76,9 +76,22 @@ impl Stored {
     fn new(
         cell: CellKey,
         representation: &hlod_compress::Representation,
-        mesh: Mesh,
+        content: PageContent,
         originals: &Originals<'_>,
     ) -> Stored {
+        // Points are samples as they are, and what they stand for lies in their balls.
+        let PageContent { mut mesh, points } = content;
+        let triangles = mesh.triangles.len();
+        let balls = points.positions.iter().zip(&points.radii);
+        let balls = balls.map(|(p, radius)| (p.map(f64::from), radius.steps()));
+        let surface = Target::with_balls(corners(&mesh), balls);
+        for (position, normal) in points.positions.iter().zip(&points.normals) {
+            let v = mesh.positions.len() as u32;
+            mesh.positions.push(*position);
+            mesh.normals.push(*normal);
+            mesh.triangles.push([v; 3]);
+        }
+        debug_assert_eq!(mesh.triangles.len(), triangles + points.len());
         let mut by_block: BTreeMap<CellKey, Vec<[u32; 3]>> = BTreeMap::new();
         for t in &mesh.triangles {
             let corners = t.map(|v| mesh.positions[v as usize].map(f64::from));
@@ -87,7 +100,7 @@ impl Stored {
         }
         let errors = &representation.errors;
         Stored {
-            surface: Target::new(corners(&mesh)),
+            surface,
             normals: Normals::new(std::iter::once(&mesh)),
             parts: by_block.into_iter().map(|(block, t)| (block, part(&mesh, &t))).collect(),
             error: f64::from(errors.geometric) / originals.lattice().step,

@@ -6,7 +6,9 @@
 
 use std::collections::BTreeMap;
 
-use hlod_compress::{CellKey, HlodFile, Lattice, Mesh, NodeRecord, PageContent, Representation, decode_page};
+use hlod_compress::{
+    CellKey, HlodFile, Lattice, Mesh, NodeRecord, PageContent, Representation, decode_page,
+};
 
 /// A file's leaves, found by cell and by bounds, read when they are asked for.
 pub(super) struct Originals<'a> {

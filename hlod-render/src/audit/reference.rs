@@ -123,7 +123,8 @@ impl Reference {
             .iter()
             .map(|s| Range {
                 uniform: s.arena,
-                triangles: s.triangles.clone(),
+                triangles: s.triangles(),
+                points_level: None,
                 cull_backs: false,
                 error: 0.0,
             })

@@ -145,30 +145,26 @@ impl PaintArg {
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum RepresentationArg {
-    /// Levels of detail, as they are meant to be seen.
+    /// Levels of detail as the file has them: triangles, points, or both.
     Hybrid,
-    /// The same without points.
+    /// The same of a file without points; one with points is refused.
     Triangles,
     /// Levels of detail that were simplified by shape alone.
     Geometric,
-    /// Points alone: not in this version's files.
-    #[value(hide = true)]
+    /// The same of a file whose levels are points, or of a point cloud; others are refused.
     Points,
     /// The scan's own geometry, however far: slow, and what everything is compared with.
     Full,
 }
 
 impl RepresentationArg {
-    pub fn validated(self) -> Result<Representation, String> {
+    pub fn representation(self) -> Representation {
         match self {
-            RepresentationArg::Hybrid => Ok(Representation::Hybrid),
-            RepresentationArg::Triangles => Ok(Representation::Triangles),
-            RepresentationArg::Geometric => Ok(Representation::Geometric),
-            RepresentationArg::Full => Ok(Representation::Full),
-            RepresentationArg::Points => {
-                Err("files of this format version hold no points; try --representation hybrid"
-                    .into())
-            }
+            RepresentationArg::Hybrid => Representation::Hybrid,
+            RepresentationArg::Triangles => Representation::Triangles,
+            RepresentationArg::Points => Representation::Points,
+            RepresentationArg::Geometric => Representation::Geometric,
+            RepresentationArg::Full => Representation::Full,
         }
     }
 }

@@ -20,7 +20,7 @@ use hlod_render::picture::take;
 use hlod_render::scene::{BACKGROUND, EXACT_THRESHOLDS_PX, Material, Paint, Shot};
 use hlod_render::select::Selection;
 use hlod_render::simulate::{Policy, SimulationOptions, simulate};
-use hlod_render::{Model, ModelLimits};
+use hlod_render::{Gpu, Model, ModelLimits};
 
 use args::{AuditArgs, BenchArgs, Cli, Command, DrawArgs, JsonArgs, ShotArgs, SimulateArgs};
 pub use outcome::Failure;
@@ -48,7 +48,7 @@ fn run_view(cli: &Cli, args: &args::ViewArgs) -> Outcome {
         file: args.file.clone(),
         limits: args.memory.limits(),
         error_threshold_px: args.precision.tau,
-        representation: args.precision.representation.validated().map_err(Failure::Usage)?,
+        representation: args.precision.representation.representation(),
         light: Some((azimuth, elevation)),
         shadow: if args.shadow { Shadow::Hard } else { Shadow::None },
         size: args.size,
@@ -61,7 +61,7 @@ fn run_view(cli: &Cli, args: &args::ViewArgs) -> Outcome {
 
 fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
     let gpu = cli.gpu(&args.draw)?;
-    let mut models = [Model::open(&gpu, &args.file, ModelLimits::default())?];
+    let mut models = [open(&gpu, &args.file, &args.draw)?];
     let framing = Framing::of(&models[0]);
     let (width, height) = args.draw.size;
     let aspect = f64::from(width) / f64::from(height);
@@ -92,7 +92,7 @@ fn run_bench(cli: &Cli, args: &BenchArgs) -> Outcome {
         cold: args.cold,
         limits: args.memory.limits(),
     };
-    let framing = Framing::of(&Model::open(&gpu, &args.file, ModelLimits::default())?);
+    let framing = Framing::of(&open(&gpu, &args.file, &args.draw)?);
     let camera = framing.fitting([0.0, 0.0, 1.0], 1.0, FOV_Y_DEG);
     let bar = progress_bar(cli.quiet, u64::from(args.frames), "frames");
     let shot = shot(&args.draw, camera, &framing)?;
@@ -130,7 +130,7 @@ fn run_audit(cli: &Cli, args: &AuditArgs) -> Outcome {
         return Err(Failure::Usage(why.into()));
     }
     let gpu = cli.gpu(&args.draw)?;
-    let framing = Framing::of(&Model::open(&gpu, &args.file, ModelLimits::default())?);
+    let framing = Framing::of(&open(&gpu, &args.file, &args.draw)?);
     let camera = framing.fitting([0.0, 0.0, 1.0], 1.0, FOV_Y_DEG);
     let [azimuth, elevation] = args.draw.light[..] else {
         return Err(Failure::Usage("audit: --light takes AZIMUTH,ELEVATION".into()));
@@ -149,6 +149,13 @@ fn run_audit(cli: &Cli, args: &AuditArgs) -> Outcome {
     print(&args.json, &report, || tables::audit(&report))
 }
 
+/// A model of which what is asked for can be drawn.
+fn open(gpu: &Gpu, file: &Path, draw: &DrawArgs) -> Result<Model, Failure> {
+    let model = Model::open(gpu, file, ModelLimits::default())?;
+    draw.precision.representation.representation().check(model.header()).map_err(Failure::Usage)?;
+    Ok(model)
+}
+
 fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Failure> {
     let (tau, caster_tau) = match draw.shadow_exact {
         true => EXACT_THRESHOLDS_PX,
@@ -160,7 +167,7 @@ fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Fail
         light,
         material: Material::default(),
         background: BACKGROUND,
-        representation: draw.precision.representation.validated().map_err(Failure::Usage)?,
+        representation: draw.precision.representation.representation(),
         paint: Paint::Shaded,
         error_threshold_px: tau,
         shadow: draw.shadow.shadow(),

@@ -23,13 +23,13 @@ fn table(rows: &[(&str, String)]) -> String {
 }
 
 pub fn shot(output: &Path, stats: &FrameStats, gpu: &Gpu) -> String {
-    format!(
-        "{}: {} triangles of {} nodes, drawn by {}",
-        output.display(),
-        stats.triangles,
-        stats.nodes,
-        gpu.describe()
-    )
+    let primitives = match (stats.triangles, stats.points) {
+        (triangles, 0) => format!("{triangles} triangles"),
+        (0, points) => format!("{points} points"),
+        (triangles, points) => format!("{triangles} triangles and {points} points"),
+    };
+    let (nodes, adapter) = (stats.nodes, gpu.describe());
+    format!("{}: {primitives} of {nodes} nodes, drawn by {adapter}", output.display())
 }
 
 pub fn bench(r: &BenchReport) -> String {
@@ -42,6 +42,7 @@ pub fn bench(r: &BenchReport) -> String {
         ("frame, largest", ms(r.frame_ms.max)),
         ("primitives a frame", format!("{:.0}", r.primitives_mean)),
         ("… that cast shadows", format!("{:.0}", r.caster_primitives_mean)),
+        ("points a pixel they cover", format!("{:.2}", r.points_per_covered_pixel)),
         ("stalled frames", r.stalled_frames.to_string()),
         ("frames coarser than τ", r.frames_over_tau.to_string()),
         ("τ drawn ÷ τ", format!("{:.3}", r.tau_ratio_mean)),

@@ -10,6 +10,8 @@ const CHUNK: u32 = 64;
 const ROW: u32 = 32_768;
 /// In a chunk's count: whether `cull_backs` holds.
 const CULLED: u32 = 1 << 31;
+/// In a chunk's count: these are points.
+const POINTS: u32 = 1 << 30;
 
 /// See `Chunk` in `small.wgsl` and `shadow.wgsl`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
@@ -20,6 +22,7 @@ pub(super) struct Chunk {
     draw: u32,
     large: u32,
     error: f32,
+    level: u32,
 }
 
 /// All chunks of a frame, those of each uniform next to one another.
@@ -54,14 +57,16 @@ impl Chunks {
             let large = all.triangles;
             for range in group {
                 let culled = if range.cull_backs { CULLED } else { 0 };
+                let marks = culled | if range.points_level.is_some() { POINTS } else { 0 };
                 let std::ops::Range { start, end } = range.triangles;
                 all.triangles += end - start;
                 all.chunks.extend((start..end).step_by(CHUNK as usize).map(|first| Chunk {
                     first,
-                    count: (end - first).min(CHUNK) | culled,
+                    count: (end - first).min(CHUNK) | marks,
                     draw: uniform as u32,
                     large,
                     error: range.error,
+                    level: range.points_level.unwrap_or(0),
                 }));
             }
             let count = (all.chunks.len() - first) as u32;
@@ -92,14 +97,21 @@ mod tests {
 
     #[test]
     fn chunks_hold_every_triangle_once() {
-        let range =
-            |uniform, triangles, cull_backs| Range { uniform, triangles, cull_backs, error: 0.5 };
+        let range = |uniform, triangles, cull_backs| Range {
+            uniform,
+            triangles,
+            points_level: (uniform == 2).then_some(1),
+            cull_backs,
+            error: 0.5,
+        };
         let ranges = [range(0, 5..200, true), range(2, 0..64, false), range(2, 100..101, false)];
         let chunks = Chunks::new(3, &ranges.iter().collect::<Vec<_>>());
         assert_eq!((chunks.firsts, chunks.counts), (vec![0, 0, 4], vec![4, 0, 2]));
         assert_eq!((chunks.first_in_list, chunks.triangles), (vec![0, 0, 195], 260));
         let [.., before, last] = chunks.chunks[..] else { panic!() };
-        assert_eq!(before, Chunk { first: 100, count: 1, draw: 2, large: 195, error: 0.5 });
+        let count = 1 | POINTS;
+        let expected = Chunk { first: 100, count, draw: 2, large: 195, error: 0.5, level: 1 };
+        assert_eq!(before, expected);
         assert_eq!(last, Chunk::default());
         assert_eq!(chunks.chunks[3].count, (195 - 3 * 64) | CULLED);
     }

@@ -44,6 +44,9 @@ pub struct FrameUniform {
     pub shadow: Vec4,
     /// What rounding may do to positions, world space.
     pub bias: Vec4,
+    /// Points: model lengths of clip.x, of clip.y, and of clip.w or, in parallel views, clip.z; and of a
+    /// lattice step.
+    pub points: Vec4,
     /// The part of the picture in which anything is seen: first pixel, width, height.
     pub area: [u32; 4],
     /// Width, height, number of the arena's first triangle, and of its first chunk.
@@ -58,12 +61,32 @@ const UNIFORM_STRIDE: u64 = 512;
 pub struct Range {
     /// Which uniform, and so which arena.
     pub uniform: usize,
-    /// Triangles of the arena.
+    /// Triangles of the arena, or points, which are counted like them.
     pub triangles: std::ops::Range<u32>,
+    /// Of points, which of their radii they have: see [`crate::loader::PointPrefix`].
+    pub points_level: Option<u32>,
     /// Whether backs can be left to the rasteriser to drop.
     pub cull_backs: bool,
     /// How far they may be from the scan's, world units; for shadows.
     pub error: f32,
+}
+
+/// Which pipeline of fixed function draws a range.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum RangePipeline {
+    TwoSided,
+    Culled,
+    Splats,
+}
+
+impl Range {
+    fn pipeline(&self) -> RangePipeline {
+        match (self.points_level, self.cull_backs) {
+            (Some(_), _) => RangePipeline::Splats,
+            (None, true) => RangePipeline::Culled,
+            (None, false) => RangePipeline::TwoSided,
+        }
+    }
 }
 
 /// What a frame draws.
@@ -195,6 +218,7 @@ impl Targets {
 pub(crate) struct Passes {
     surface_culled: wgpu::RenderPipeline,
     surface_two_sided: wgpu::RenderPipeline,
+    splats: wgpu::RenderPipeline,
     shade: wgpu::RenderPipeline,
     explain: Explain,
     small: Option<SmallTriangles>,
@@ -311,6 +335,13 @@ impl Passes {
         Passes {
             surface_culled: surface(Some(wgpu::Face::Back)),
             surface_two_sided: surface(None),
+            splats: pipeline(
+                hlod_shaders::SPLATS,
+                &surface_layout,
+                None,
+                IDENTITY_FORMAT,
+                nearest.clone(),
+            ),
             explain: Explain::new(gpu, &geometry_layout, output, where_drawn.clone()),
             shade: pipeline(hlod_shaders::SHADE, &shade_layout, None, output, where_drawn),
             uniforms: buffer(gpu, "uniforms", 16 * UNIFORM_STRIDE, wgpu::BufferUsages::UNIFORM),
@@ -322,6 +353,11 @@ impl Passes {
             geometry_layout,
             identity_layout,
         }
+    }
+
+    /// Whether points can have other radii in one frame than in another.
+    pub(crate) fn can_choose_points(&self, gpu: &Gpu, targets: &Targets) -> bool {
+        self.small.as_ref().is_some_and(|small| small.fits(gpu, targets))
     }
 
     /// Submits one frame: all ranges into identity and depth, shadows, then one shading draw an arena.
@@ -340,7 +376,7 @@ impl Passes {
         let device = &gpu.device;
         let area = drawn.area;
         let mut ranges: Vec<&Range> = drawn.ranges.iter().collect();
-        ranges.sort_by_key(|r| (r.uniform, r.cull_backs, r.triangles.start));
+        ranges.sort_by_key(|r| (r.uniform, r.pipeline(), r.triangles.start));
         let mut small = self.small.as_mut().filter(|small| small.fits(gpu, targets));
         let work = small.as_mut().map(|small| small.prepare(gpu, uniforms.len(), &ranges, targets));
         let faces: &[FaceUniforms] = match drawn.shadow {
@@ -450,13 +486,13 @@ impl Passes {
             let mut first = 0;
             let to_fixed = if small.is_some() { &[] } else { ranges.as_slice() };
             for group in
-                to_fixed.chunk_by(|a, b| (a.uniform, a.cull_backs) == (b.uniform, b.cull_backs))
+                to_fixed.chunk_by(|a, b| (a.uniform, a.pipeline()) == (b.uniform, b.pipeline()))
             {
-                let Range { uniform, cull_backs, .. } = *group[0];
-                pass.set_pipeline(if cull_backs {
-                    &self.surface_culled
-                } else {
-                    &self.surface_two_sided
+                let uniform = group[0].uniform;
+                pass.set_pipeline(match group[0].pipeline() {
+                    RangePipeline::TwoSided => &self.surface_two_sided,
+                    RangePipeline::Culled => &self.surface_culled,
+                    RangePipeline::Splats => &self.splats,
                 });
                 let (bind_group, offset) = geometry[uniform];
                 pass.set_bind_group(0, bind_group, &[offset]);

@@ -47,6 +47,7 @@ pub(crate) fn tree_of(depth: u8, cone: NormalCone, upper: RepresentationKind) ->
                 vertices: 3,
                 triangles: 1,
                 points: 0,
+                cover_radius: 0.0,
                 page: PageRef { offset: 0, page_bytes: 1, crc32: 0 },
             }],
             children: if leaf { Children::None } else { Children::Here(cells.len() as u32) },

@@ -223,6 +223,7 @@ fn statistics(ui: &mut Ui, readings: &Readings) {
         ("frame", format!("{} ms", number(readings.frame_ms))),
         ("τ on screen", format!("{:.2} px{raised}", readings.error_threshold_px)),
         ("triangles", grouped(stats.triangles)),
+        ("points", grouped(stats.points)),
         ("nodes", grouped(stats.nodes as u64)),
         ("missing parts", missing),
         ("on the GPU", megabytes(readings.resident_bytes)),

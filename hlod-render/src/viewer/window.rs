@@ -179,6 +179,7 @@ impl Open {
 
         // Open the model and stand before it.
         let model = Model::open(&gpu, &options.file, options.limits)?;
+        options.representation.check(model.header()).map_err(RenderError::Usage)?;
         let (width, height) = screen.size();
         let size = DVec2::new(width.into(), height.into());
         let navigation = Navigation::new(Framing::of(&model), size);

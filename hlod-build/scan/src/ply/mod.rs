@@ -65,8 +65,9 @@ pub(crate) fn open(
     let (vertices, columns) = vertex.unwrap_or_default();
     let vertex_count =
         u32::try_from(vertices).map_err(|_| ScanError::TooManyVertices { at, vertices })?;
-    let is_surface =
-        |plan: &Plan| plan.element.count > 0 && matches!(plan.role, Role::Faces(_) | Role::Strips(_));
+    let is_surface = |plan: &Plan| {
+        plan.element.count > 0 && matches!(plan.role, Role::Faces(_) | Role::Strips(_))
+    };
     let is_point_cloud = vertices > 0 && !plans.iter().any(is_surface);
     let body = PlyReader::new(input, header.format, plans, vertex_count, room.clone());
     Ok(Opened {

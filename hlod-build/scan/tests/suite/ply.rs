@@ -308,9 +308,16 @@ fn a_face_of_very_many_corners_is_refused() {
 fn points_nothing_and_slivers() {
     let points = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n\
         property float z\nend_header\n0 0 0 1 1 1\n";
-    let (error, message) = refusal("a.ply", points);
-    assert!(matches!(error, ScanError::PointsOnly { vertices: 2, .. }));
-    assert!(message.contains("not supported yet"), "{message}");
+    let cloud = read("a.ply", points).expect("a point cloud");
+    assert!(cloud.header.is_point_cloud && cloud.triangles.is_empty());
+    assert_eq!(cloud.positions, [DVec3::ZERO, DVec3::ONE]);
+    // An element of faces without a face is no surface either.
+    let faces = "element face 0\nproperty list uchar int vertex_indices\nend_header";
+    let cloud = read("a.ply", points.replace("end_header", faces)).expect("a point cloud");
+    assert!(cloud.header.is_point_cloud);
+    // Where a mesh is needed it is told at once.
+    let error = load_one(Files::new().write("a.ply", points)).expect_err("no mesh");
+    assert!(matches!(error, ScanError::PointsOnly { vertices: 2, .. }), "{error}");
 
     let nothing = "ply\nformat ascii 1.0\nend_header\n";
     assert!(matches!(refusal("a.ply", nothing).0, ScanError::NoGeometry { .. }));
