@@ -9,13 +9,14 @@ pub enum FormatError {
     NotHlod,
     /// Written by another version of the format.
     #[error(
-        "format version {found} is not readable by this program, which reads version {expected}; \
-         the format is not frozen yet, so build the file again with the hlod-build of this version"
+        "format version {found:#x} is not readable by this program, which reads up to version {expected}; {}",
+        if *found > *expected && *found < 0xffff_0000 { "a newer one may" }
+        else { "the file was made before versions were kept, so build it again" }
     )]
     Version {
         /// The version that the file declares.
         found: u32,
-        /// The only version that this crate reads.
+        /// The last version that this crate reads.
         expected: u32,
     },
     /// The file ends before something it declares.

@@ -5,9 +5,9 @@ use crate::{BlockRef, FormatError, Lattice};
 
 const MAGIC: [u8; 8] = *b"HLOD\r\n\x1a\n";
 
-/// The version this crate writes and the only one it reads. From 0xffff0000 on forms are counted that
-/// are not frozen; the first that is frozen will be 1.
-pub const FORMAT_VERSION: u32 = 0xffff_0003;
+/// The version this crate writes. Files of every version from 1 on stay readable; a file of each is kept as a
+/// test. Numbers from 0xffff0000 on, and 0, were forms that were not frozen: those files are refused.
+pub const FORMAT_VERSION: u32 = 1;
 
 /// No header is longer; a first read of this size always holds all of it.
 pub const HEADER_BYTES_MAX: usize = 64 * 1024;

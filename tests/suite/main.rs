@@ -3,6 +3,7 @@
 mod build;
 mod documents;
 mod dust;
+mod format;
 mod network;
 mod pictures;
 mod points;

@@ -18,7 +18,7 @@ use crate::build::rayon_pool;
 use crate::pictures::shot;
 
 /// A ball of radius 1 round (3, 0, 0): points on a spiral, with normals and colours.
-fn ball_cloud(count: u32) -> String {
+pub fn ball_cloud(count: u32) -> String {
     let mut text = format!(
         "ply\nformat ascii 1.0\nelement vertex {count}\nproperty float x\nproperty float y\n\
          property float z\nproperty float nx\nproperty float ny\nproperty float nz\n\
