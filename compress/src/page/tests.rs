@@ -1,4 +1,5 @@
 use super::*;
+use crate::{PointPrefix, PointRadius};
 use proptest::prelude::*;
 
 type Corner = ([i32; 3], OctNormal, [u8; 4]);
@@ -160,6 +161,41 @@ fn far_apart_is_an_error_or_survives() {
     assert!(matches!(encode_mesh(&mesh, 0), Err(FormatError::TooLarge { .. })));
 }
 
+fn vertices_as_points(mesh: &Mesh) -> Points {
+    let count = mesh.positions.len();
+    let radii = |from: u8| (0..count).map(|i| PointRadius(from + (i % 5) as u8)).collect();
+    Points {
+        positions: mesh.positions.clone(),
+        normals: mesh.normals.clone(),
+        colours: mesh.colours.clone(),
+        radii: radii(30),
+        prefixes: vec![PointPrefix { radii: vec![PointRadius(50); count / 3] }],
+    }
+}
+
+#[test]
+fn pages_of_both_kinds_survive_and_say_what_they_hold() {
+    let mesh = grid_mesh(7, 3, true);
+    let points = vertices_as_points(&grid_mesh(9, 1, true));
+    let counts = |content: &PageContent| {
+        let page = encode_page(content, 3, 1).unwrap();
+        let back = decode_page(&page).unwrap();
+        assert_eq!(canonical(&back.mesh), canonical(&content.mesh));
+        assert_eq!(back.points.len(), content.points.len());
+        assert_eq!(back.points.prefixes.len(), content.points.prefixes.len());
+        for length in 0..page.len() {
+            assert!(decode_page(&page[..length]).is_err(), "cut to {length} of {}", page.len());
+        }
+        let counts = encoded_counts(&page).unwrap();
+        (counts.vertices, counts.triangles, counts.points)
+    };
+    let nothing = PageContent::default();
+    assert_eq!(counts(&nothing), (0, 0, 0));
+    assert_eq!(counts(&PageContent { points: points.clone(), ..nothing.clone() }), (0, 0, 81));
+    assert_eq!(counts(&PageContent { mesh: mesh.clone(), ..nothing }), (49, 72, 0));
+    assert_eq!(counts(&PageContent { mesh, points }), (49, 72, 81));
+}
+
 #[test]
 fn every_truncation_is_an_error() {
     let page = encode_mesh(&grid_mesh(6, 1, true), 1).unwrap();
@@ -168,29 +204,34 @@ fn every_truncation_is_an_error() {
     }
 }
 
-/// Pages with bytes changed, cut, repeated and exchanged: an error or some valid mesh, and soon. As
+/// Pages with bytes changed, cut, repeated and exchanged: an error or some valid page, and soon. As
 /// many as `HLOD_DAMAGED_PAGES` says; the number printed with a panic reproduces it.
 #[test]
-fn damaged_pages_are_errors_or_meshes() {
-    let pages: Vec<Vec<u8>> = [grid_mesh(6, 2, true), grid_mesh(12, 0, false), torus(9)]
+fn damaged_pages_are_errors_or_valid() {
+    let mut pages: Vec<Vec<u8>> = [grid_mesh(6, 2, true), grid_mesh(12, 0, false), torus(9)]
         .iter()
         .zip([2, 0, 0])
         .map(|(mesh, shift)| encode_mesh(mesh, shift).unwrap())
         .collect();
+    let points = vertices_as_points(&grid_mesh(9, 1, true));
+    let both = PageContent { mesh: grid_mesh(5, 1, true), points: points.clone() };
+    pages.push(encode_points(&points, 1).unwrap());
+    pages.push(encode_page(&both, 1, 1).unwrap());
     let count = std::env::var("HLOD_DAMAGED_PAGES").map_or(30_000, |n| n.parse().unwrap());
-    let mut meshes = 0u64;
+    let mut valid = 0u64;
     for number in 0..count {
         let page = damaged(&pages, number);
-        let result = std::panic::catch_unwind(|| decode_mesh(&page));
+        let result = std::panic::catch_unwind(|| decode_page(&page));
         let Ok(result) = result else { panic!("damaged page {number} made the decoder panic") };
-        if let Ok(mesh) = result {
-            assert!(mesh.validate().is_ok(), "damaged page {number} became an invalid mesh");
-            meshes += 1;
+        if let Ok(content) = result {
+            let is_valid = content.mesh.validate().is_ok() && content.points.validate().is_ok();
+            assert!(is_valid, "damaged page {number} became an invalid one");
+            valid += 1;
         }
     }
-    println!("{count} damaged pages: {meshes} are meshes, the others errors");
+    println!("{count} damaged pages: {valid} are valid, the others errors");
     // Plain bits have no redundancy: another sign is another mesh. Checksums see that.
-    assert!(meshes < count / 10, "hardly any damage is seen: {meshes} of {count}");
+    assert!(valid < count / 10, "hardly any damage is seen: {valid} of {count}");
 }
 
 /// Damage `number`, of one to four kinds.
