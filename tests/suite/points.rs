@@ -4,7 +4,10 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use hlod_build::progress::Silent;
-use hlod_build::{BuildError, BuildOptions, Selection, VerifyOptions, build, export, info, verify};
+use hlod_build::{
+    BuildError, BuildOptions, Selection, VerifyOptions, build, export, info, list_steps, prepare,
+    run_step, verify,
+};
 use hlod_compress::{Primitives, RepresentationKind};
 use hlod_render::audit::{AuditOptions, audit};
 use hlod_render::camera::{Camera, Projection};
@@ -148,6 +151,33 @@ fn the_same_cloud_gives_the_same_bytes_whatever_threads_and_memory() {
     let expected = bytes(1, 4096);
     assert_eq!(bytes(3, 4096), expected);
     assert_eq!(bytes(2, 100), expected);
+}
+
+#[test]
+fn a_cloud_built_step_by_step_has_the_same_bytes() {
+    let files = Files::new();
+    let ply = files.write("ball.ply", &ball_cloud(40_000));
+    let [at_once, in_steps] = ["once.hlod", "steps.hlod"].map(|name| files.path(name));
+    // Little memory, so that there are several subtrees.
+    let options = BuildOptions {
+        leaf_triangles: 200,
+        resolution: 64,
+        memory_bytes: 96 << 20,
+        ..BuildOptions::default()
+    };
+    let inputs = [ply];
+    build(&inputs, &at_once, &options, &Silent).unwrap();
+    let folder = prepare(&inputs, &in_steps, &options, &Silent).unwrap();
+    let steps = list_steps(&folder).unwrap();
+    assert!(steps.len() > 1, "{steps:?}");
+    let points: u64 = steps.iter().filter_map(|step| step.triangles).sum();
+    assert_eq!(points, 40_000);
+    for step in &steps {
+        run_step(&folder, &step.name, options.memory_bytes, &Silent).unwrap();
+    }
+    let resumed = BuildOptions { resume: true, ..options };
+    build(&inputs, &in_steps, &resumed, &Silent).unwrap();
+    assert!(std::fs::read(at_once).unwrap() == std::fs::read(in_steps).unwrap());
 }
 
 #[test]

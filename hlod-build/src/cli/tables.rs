@@ -138,21 +138,29 @@ pub fn info(info: &Info) -> String {
             &format!("{:.3}", bytes as f64 / count.max(1) as f64),
         ]);
     }
-    let mut levels = table(&[
-        "depth",
-        "nodes",
-        "leaves",
-        "triangles",
-        "points",
-        "geometric",
-        "error",
-        "seen",
-        "border",
-        "normals 99 %",
-        "90 %",
-    ]);
+    let has_points = info.levels.iter().any(|level| level.points_mean > 0.0);
+    // What a point cloud has none of, or only files with points have.
+    let columns: [(&str, bool); 12] = [
+        ("depth", true),
+        ("nodes", true),
+        ("leaves", true),
+        ("triangles", info.points_input == 0),
+        ("points", true),
+        ("geometric", info.points_input == 0),
+        ("error", true),
+        ("seen", true),
+        ("covers", has_points),
+        ("border", info.points_input == 0),
+        ("normals 99 %", true),
+        ("90 %", true),
+    ];
+    let shown = |cells: [String; 12]| -> Vec<String> {
+        cells.into_iter().zip(columns).filter(|(_, (_, is_shown))| *is_shown).map(|c| c.0).collect()
+    };
+    let names: Vec<&str> = columns.iter().filter(|c| c.1).map(|c| c.0).collect();
+    let mut levels = table(&names);
     for level in &info.levels {
-        levels.add_row([
+        levels.add_row(shown([
             level.depth.to_string(),
             grouped(level.nodes),
             grouped(level.leaves),
@@ -161,11 +169,21 @@ pub fn info(info: &Info) -> String {
             format!("{:.0}", level.triangles_geometric_mean),
             length(level.error_max),
             length(level.visual_error_max),
+            length(level.cover_radius_max),
             length(level.border_error_max),
             format!("{:.1}°", level.normal_deviation_deg_mean[1]),
             format!("{:.1}°", level.normal_deviation_deg_mean[2]),
-        ]);
+        ]));
     }
+    let legend = if info.points_input > 0 {
+        "(points and normals: means a node; errors: the largest of a depth, in the scan's unit. Proven: each\n\
+         point of a node lies within the error of a point of the scan, each point of the scan within the\n\
+         radius at which a point of the node covers, and normals deviate by no more. What lies between\n\
+         the scan's points is not known: how large they are drawn is estimated from their neighbours)"
+    } else {
+        "(triangles, points and normals: means a node; errors, of shape, of what is seen and of\n\
+         borders between nodes, and radii at which points cover: the largest of a depth, in the scan's unit)"
+    };
     let size: Vec<String> =
         (0..3).map(|i| length(info.bounds_max[i] - info.bounds_min[i])).collect();
     let sources: Vec<String> = info
@@ -177,10 +195,8 @@ pub fn info(info: &Info) -> String {
         .collect();
     format!(
         "from         {}\nsize         {}, up {}, front {}\nprecision    {}\n\
-         {many:<12} {} read, {} nodes, R = {}, T = {}, {} × noise\nattributes   {}\nsurface      {}\n\
-         errors       {} against the scan file; {}\n\n{parts}\n\n{levels}\n\
-         (triangles, points and normals: means a node; errors, of shape, of what is seen and of\n\
-         borders between nodes: the largest of a depth, in the scan's unit)",
+         {many:<12} {} read, {} nodes, R = {}, T = {}{}\nattributes   {}\nsurface      {}\n\
+         errors       {} against the scan file; {}\n\n{parts}\n\n{levels}\n{legend}",
         sources.join("\n             "),
         with_unit(size.join(" × "), info.unit),
         info.up,
@@ -190,7 +206,10 @@ pub fn info(info: &Info) -> String {
         grouped(info.nodes),
         info.resolution,
         info.leaf_triangles,
-        info.normal_noise,
+        match info.points_input {
+            0 => format!(", {} × noise, {}", info.normal_noise, info.representation),
+            _ => String::new(),
+        },
         info.attributes.join(", "),
         if info.points_input > 0 {
             "none: a point cloud"

@@ -183,6 +183,10 @@ pub struct ViewArgs {
     /// positive from the right and from above. It can be turned in the window.
     #[arg(long, value_name = "LIGHT", default_value = "-45,45", value_parser = numbers::<2, 2>, allow_hyphen_values = true)]
     pub light: Numbers,
+    /// What a frame may take while moving, in milliseconds: τ is raised up to four times to keep to
+    /// it, and restored at rest.
+    #[arg(long, value_name = "MS", default_value = "66", value_parser = positive)]
+    pub frame_time: f64,
     /// Begin with shadows; H in the window shows and hides them.
     #[arg(long)]
     pub shadow: bool,

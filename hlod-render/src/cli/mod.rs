@@ -48,6 +48,7 @@ fn run_view(cli: &Cli, args: &args::ViewArgs) -> Outcome {
         file: args.file.clone(),
         limits: args.memory.limits(),
         error_threshold_px: args.precision.tau,
+        frame_target_ms: args.frame_time,
         representation: args.precision.representation.representation(),
         light: Some((azimuth, elevation)),
         shadow: if args.shadow { Shadow::Hard } else { Shadow::None },

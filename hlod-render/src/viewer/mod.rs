@@ -50,6 +50,8 @@ pub struct ViewOptions {
     pub limits: ModelLimits,
     /// τ at rest in pixels.
     pub error_threshold_px: f64,
+    /// What a frame may take while moving, in milliseconds.
+    pub frame_target_ms: f64,
     /// Which hierarchy.
     pub representation: Representation,
     /// Azimuth and elevation of the light in degrees relative to the picture; from the upper left

@@ -4,11 +4,11 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// A frame that takes longer makes the next ones coarser.
-const SLOW_MS: f64 = 66.0;
-/// A frame that takes less lets the next ones become finer again. Half of [`SLOW_MS`], so that
-/// the two do not alternate.
-const FAST_MS: f64 = 33.0;
+/// What a frame may take while moving, unless chosen otherwise: fifteen a second.
+pub const FRAME_TARGET_MS: f64 = 66.0;
+/// A frame that takes less than this share of the target lets the next ones become finer again; so
+/// that the two do not alternate, it is far below.
+const FAST: f64 = 0.5;
 /// τ rises at most so much.
 const FACTOR_MAX: f64 = 4.0;
 /// The view rests when nothing has moved it for so long.
@@ -33,12 +33,12 @@ impl TauController {
         if moving { self.factor } else { 1.0 }
     }
 
-    /// Learns from a frame that was drawn while moving.
-    pub fn moved(&mut self, frame_ms: f64) {
-        if frame_ms > SLOW_MS {
+    /// Learns from a frame that was drawn while moving, and what it should have taken at most.
+    pub fn moved(&mut self, frame_ms: f64, target_ms: f64) {
+        if frame_ms > target_ms {
             // In proportion, but not all at once: one frame may be slow for other reasons.
-            self.factor *= (frame_ms / SLOW_MS).clamp(1.05, 1.5);
-        } else if frame_ms < FAST_MS {
+            self.factor *= (frame_ms / target_ms).clamp(1.05, 1.5);
+        } else if frame_ms < FAST * target_ms {
             self.factor *= 0.9;
         }
         self.factor = self.factor.clamp(1.0, FACTOR_MAX);
@@ -120,10 +120,10 @@ mod tests {
     #[test]
     fn tau_rises_while_slow_up_to_four_times_and_only_while_moving() {
         let mut controller = TauController::default();
-        controller.moved(100.0);
+        controller.moved(100.0, FRAME_TARGET_MS);
         assert!(controller.factor(true) > 1.3);
         for _ in 0..20 {
-            controller.moved(500.0);
+            controller.moved(500.0, FRAME_TARGET_MS);
         }
         assert_eq!(controller.factor(true), 4.0);
         assert_eq!(controller.factor(false), 1.0);
@@ -132,12 +132,12 @@ mod tests {
     #[test]
     fn tau_stays_within_the_band_and_falls_when_fast() {
         let mut controller = TauController::default();
-        controller.moved(130.0);
+        controller.moved(130.0, FRAME_TARGET_MS);
         let raised = controller.factor(true);
-        controller.moved(50.0);
+        controller.moved(50.0, FRAME_TARGET_MS);
         assert_eq!(controller.factor(true), raised);
         for _ in 0..20 {
-            controller.moved(10.0);
+            controller.moved(10.0, FRAME_TARGET_MS);
         }
         assert_eq!(controller.factor(true), 1.0);
     }
@@ -147,12 +147,21 @@ mod tests {
         // 200 ms at τ; time falls with the power 1.5 of the factor.
         let mut controller = TauController::default();
         for _ in 0..30 {
-            controller.moved(200.0 / controller.factor(true).powf(1.5));
+            controller.moved(200.0 / controller.factor(true).powf(1.5), FRAME_TARGET_MS);
         }
         let settled = controller.factor(true);
-        controller.moved(200.0 / settled.powf(1.5));
+        controller.moved(200.0 / settled.powf(1.5), FRAME_TARGET_MS);
         assert_eq!(controller.factor(true), settled);
         assert!((1.5..=3.5).contains(&settled), "{settled}");
+    }
+
+    #[test]
+    fn the_target_decides_what_is_slow() {
+        for (target_ms, is_raised) in [(33.0, true), (66.0, false), (200.0, false)] {
+            let mut controller = TauController::default();
+            controller.moved(50.0, target_ms);
+            assert_eq!(controller.factor(true) > 1.0, is_raised, "{target_ms}");
+        }
     }
 
     #[test]

@@ -17,6 +17,8 @@ const WIDTH: f32 = 250.0;
 pub struct Readings {
     /// The adapter's name and kind.
     pub adapter: String,
+    /// Whether the statue is a point cloud.
+    pub is_cloud: bool,
     /// Whether that is no GPU.
     pub software: bool,
     /// What the last frame drew.
@@ -96,8 +98,8 @@ fn whole_pixels(rect: egui::Rect, pixels_per_point: f32) -> egui::Rect {
 fn contents(ui: &mut Ui, settings: &mut Settings, readings: &Readings, actions: &mut Vec<Action>) {
     ui.spacing_mut().slider_width = 100.0;
     section(ui, "View", |ui| views(ui, readings, actions));
-    section(ui, "Precision", |ui| precision(ui, settings));
-    section(ui, "Light", |ui| light(ui, settings));
+    section(ui, "Precision", |ui| precision(ui, settings, readings));
+    section(ui, "Light", |ui| light(ui, settings, readings));
     section(ui, "Looks", |ui| looks(ui, settings));
     section(ui, "Camera path", |ui| recording(ui, readings, actions));
     section(ui, "Statistics", |ui| statistics(ui, readings));
@@ -129,7 +131,7 @@ fn views(ui: &mut Ui, readings: &Readings, actions: &mut Vec<Action>) {
     });
 }
 
-fn precision(ui: &mut Ui, settings: &mut Settings) {
+fn precision(ui: &mut Ui, settings: &mut Settings, readings: &Readings) {
     let tau = Slider::new(&mut settings.error_threshold_px, 0.1..=8.0)
         .logarithmic(true)
         // What the command line asked for stays.
@@ -137,9 +139,18 @@ fn precision(ui: &mut Ui, settings: &mut Settings) {
     let full = settings.representation == Representation::Full;
     ui.add_enabled(!full, tau.max_decimals(2).suffix(" px").text("τ"))
         .on_hover_text("the largest error on the screen: smaller is finer and slower");
+    let target = Slider::new(&mut settings.frame_target_ms, 10.0..=500.0)
+        .logarithmic(true)
+        .clamping(egui::SliderClamping::Edits);
+    ui.add_enabled(!full, target.max_decimals(0).suffix(" ms").text("moving"))
+        .on_hover_text("what a frame may take while moving: τ is raised to keep to it");
     ui.horizontal_wrapped(|ui| {
-        use Representation::{Full, Geometric, Hybrid, Triangles};
-        for representation in [Hybrid, Triangles, Geometric, Full] {
+        use Representation::{Full, Geometric, Hybrid};
+        for representation in [Hybrid, Geometric, Full] {
+            // Points have one hierarchy.
+            if representation == Geometric && readings.is_cloud {
+                continue;
+            }
             ui.selectable_value(
                 &mut settings.representation,
                 representation,
@@ -152,7 +163,7 @@ fn precision(ui: &mut Ui, settings: &mut Settings) {
     }
 }
 
-fn light(ui: &mut Ui, settings: &mut Settings) {
+fn light(ui: &mut Ui, settings: &mut Settings, readings: &Readings) {
     let light = &mut settings.light;
     ui.add(angle(&mut light.azimuth_deg, 180.0).text("azimuth"));
     ui.add(angle(&mut light.elevation_deg, 90.0).text("elevation"));
@@ -164,6 +175,10 @@ fn light(ui: &mut Ui, settings: &mut Settings) {
     ui.horizontal(|ui| {
         ui.label("shadows");
         for shadow in [Shadow::None, Shadow::Hard, Shadow::Soft] {
+            // Of points: see `check_models`.
+            if shadow == Shadow::Soft && readings.is_cloud {
+                continue;
+            }
             ui.selectable_value(&mut settings.shadow, shadow, shadow.name())
                 .on_hover_text("of the statue on itself (H)");
         }

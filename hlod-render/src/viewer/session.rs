@@ -144,7 +144,7 @@ impl Session {
     pub fn frame_finished(&mut self, now: Instant, frame_ms: f64, moving: bool) {
         self.clock.frame(now, frame_ms, moving);
         if moving {
-            self.tau.moved(frame_ms);
+            self.tau.moved(frame_ms, self.settings.frame_target_ms);
         }
     }
 
@@ -261,6 +261,7 @@ impl Session {
             self.drawn.map_or(self.settings.error_threshold_px, |(s, _)| s.error_threshold_px);
         Readings {
             adapter: gpu.describe(),
+            is_cloud: self.models[0].is_cloud(),
             software: gpu.info.device_type == wgpu::DeviceType::Cpu,
             stats: self.stats,
             frame_ms: self.clock.last_ms(),

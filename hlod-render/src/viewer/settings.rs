@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::light::{LightAngles, UPPER_LEFT};
+use super::pace::FRAME_TARGET_MS;
 use crate::camera::Camera;
 use crate::scene::{BACKGROUND, Material, Paint, Representation, Shadow, Shot};
 
@@ -11,6 +12,8 @@ use crate::scene::{BACKGROUND, Material, Paint, Representation, Shadow, Shot};
 pub struct Settings {
     /// τ at rest, in pixels of the screen.
     pub error_threshold_px: f64,
+    /// What a frame may take while moving, in milliseconds: τ is raised to keep to it.
+    pub frame_target_ms: f64,
     /// Which hierarchy.
     pub representation: Representation,
     /// What pixels are painted with.
@@ -35,6 +38,7 @@ impl Default for Settings {
     fn default() -> Self {
         Settings {
             error_threshold_px: 1.0,
+            frame_target_ms: FRAME_TARGET_MS,
             representation: Representation::default(),
             paint: Paint::default(),
             light: UPPER_LEFT,

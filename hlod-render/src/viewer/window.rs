@@ -187,6 +187,7 @@ impl Open {
         let defaults = Settings::default();
         let settings = Settings {
             error_threshold_px: options.error_threshold_px,
+            frame_target_ms: options.frame_target_ms,
             representation: options.representation,
             shadow: options.shadow,
             light: options.light.map_or(defaults.light, |(a, e)| LightAngles::new(a, e)),
