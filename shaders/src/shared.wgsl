@@ -57,11 +57,11 @@ const MOVED: u32 = 0x80000000u;
 const VERTEX: u32 = 0x1fffffffu;
 const POINT: u32 = 0xe0000000u;
 
-// Radius of the point with this number, model space: an eighth of an octave a step from a quarter of a
+// Radius of the point with this number, model space: a quarter of an octave a step from a quarter of a
 // lattice step up, and rounding.
 fn radius_of(number: u32, level: u32) -> f32 {
     let code = (indices[3u * number + 2u] >> (8u * level)) & 255u;
-    return exp2(f32(code) * 0.125 - 2.0) * frame.points.w * 1.00001;
+    return exp2(f32(code) * 0.25 - 2.0) * frame.points.w * 1.00001;
 }
 
 // Whether what has this number, and is counted with the triangles, is a point.

@@ -94,7 +94,7 @@ pub(crate) fn build_inner(
     let mut points = clustered(&all, spacing);
     drop(all);
     // Far below what is seen, and no finer: positions take most of a page.
-    let grid_shift = (budget / 4.0).log2().floor().max(0.0) as u8;
+    let grid_shift = (budget / 2.0).log2().floor().max(0.0) as u8;
     round(&mut points, grid_shift);
 
     let step = lattice.step;
