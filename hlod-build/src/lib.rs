@@ -5,7 +5,8 @@
 //!   │ steps/ingest   vertices and triangles, as files
 //!   │ steps/survey   the lattice, normals, a plan of subtrees
 //!   │ steps/scatter  triangles cut into the subtrees' cells
-//!   │ steps/nodes    leaves (partition) and levels above (hierarchy): gather, simplify, certify
+//!   │ steps/nodes    leaves (partition) and levels above (hierarchy): gather, simplify, certify;
+//!   │                of point clouds both are in points
 //!   ▼ steps/assemble lay out, write aside, rename
 //! ```
 //!

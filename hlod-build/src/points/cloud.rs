@@ -77,7 +77,8 @@ pub(crate) fn build_leaf(
     // Balls of neighbours on a grid reach the middle between four of them.
     let spacing = sorted[sorted.len() / 2] * std::f64::consts::SQRT_2;
     let kind = RepresentationKind::Source;
-    node(cell, kind, points, spacing, 0, Errors::NONE, None, setting)
+    let kept = Kept { points, spacing, grid_shift: 0, errors: Errors::NONE };
+    node(cell, kind, kept, None, setting)
 }
 
 /// # Errors
@@ -110,7 +111,7 @@ pub(crate) fn build_inner(
     let below = (0..8).filter_map(|octant| pieces.get(&cell.child(octant))).map(|p| p.bounds);
     let below = below.reduce(union);
     let kind = RepresentationKind::Appearance;
-    node(cell, kind, points, spacing, grid_shift, errors, below, setting)
+    node(cell, kind, Kept { points, spacing, grid_shift, errors }, below, setting)
 }
 
 /// Angles by which normals of all, of 99 and of 90 % of the scan's points differ at most; radians.
@@ -133,17 +134,25 @@ fn union(a: [[i32; 3]; 2], b: [[i32; 3]; 2]) -> [[i32; 3]; 2] {
     [std::array::from_fn(|i| a[0][i].min(b[0][i])), std::array::from_fn(|i| a[1][i].max(b[1][i]))]
 }
 
-#[expect(clippy::too_many_arguments, reason = "what leaves and inner nodes have in common")]
+/// What a node keeps of the points that it stands for.
+struct Kept {
+    points: Vec<Point>,
+    /// About how far they are apart, lattice steps.
+    spacing: f64,
+    /// Positions are multiples of 2 to this power.
+    grid_shift: u8,
+    errors: Errors,
+}
+
+/// What leaves and inner nodes have in common; `below` are the bounds of what is below.
 fn node(
     cell: CellKey,
     kind: RepresentationKind,
-    points: Vec<Point>,
-    spacing: f64,
-    grid_shift: u8,
-    errors: Errors,
+    kept: Kept,
     below: Option<[[i32; 3]; 2]>,
     setting: &Setting<'_>,
 ) -> Result<(BuiltNode, Piece), NodeError> {
+    let Kept { points, spacing, grid_shift, errors } = kept;
     let page_points = to_page(&points, spacing, setting.has_colours);
     let content = PageContent { points: page_points, ..PageContent::default() };
     let page = encode_page(&content, 0, grid_shift)?;
