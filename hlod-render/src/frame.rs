@@ -192,7 +192,8 @@ impl Renderer {
                                 uniform: index,
                                 triangles: points,
                                 points_level: Some(level),
-                                cull_backs,
+                                // One normal does not tell where all that it stands for faces.
+                                cull_backs: false,
                                 error: point_error(node, draw.representation),
                             });
                         }

@@ -14,13 +14,16 @@ struct Drawn {
 @group(1) @binding(0) var<storage, read> list: array<u32>;
 
 const CULLED: u32 = 0x80000000u;
+// Of points, which radii they have; numbers are smaller.
+const LEVEL_SHIFT: u32 = 29u;
+const NUMBER: u32 = 0x1fffffffu;
 
 @vertex
 fn large_vertex(@builtin(vertex_index) corner: u32) -> Fragment {
     let entry = list[corner / 3u];
-    let number = entry & ~CULLED;
+    let number = entry & NUMBER;
     if is_point(number) {
-        return Fragment(corner_round_point(point_of(number, 0u), corner % 3u), entry);
+        return Fragment(corner_round_point(point_of(number, entry >> LEVEL_SHIFT), corner % 3u), entry);
     }
     let index = indices[3u * number + corner % 3u];
     return Fragment(frame.clip_from_model * vec4(position_of(index), 1.0), entry);
@@ -28,10 +31,10 @@ fn large_vertex(@builtin(vertex_index) corner: u32) -> Fragment {
 
 @fragment
 fn large_fragment(in: Fragment, @builtin(front_facing) front: bool) -> Drawn {
-    let number = in.entry & ~CULLED;
+    let number = in.entry & NUMBER;
     let identity = frame.size.z + number + 1u;
     if is_point(number) {
-        let splat = splat_at(point_of(number, 0u), in.clip.xy);
+        let splat = splat_at(point_of(number, in.entry >> LEVEL_SHIFT), in.clip.xy);
         if !splat.covered {
             discard;
         }

@@ -4,9 +4,6 @@
 
 // Wider than so many pixels, points are discs.
 const DISC_FROM: f32 = 2.0;
-// Cosine of the angle to the line of sight: normals of what a point stands for differ by no more than
-// a third of a right angle but in rare places.
-const AWAY: f32 = 0.5;
 // No picture is larger.
 const PICTURE_MAX: f32 = 65536.0;
 
@@ -68,8 +65,6 @@ struct Splat {
     offset: vec3<f32>,
     // Of the side that is seen; the same axes.
     normal: vec3<f32>,
-    // Whether it surely faces away from the eye, with all that it stands for.
-    away: bool,
 }
 
 // What a line of sight through a pixel's place meets of a point.
@@ -101,7 +96,7 @@ fn splat_at(p: Point, pixel: vec2<f32>) -> Splat {
     // from the eye, another sign would be another light. Mirrored, it hardly moves.
     let sight = normalize(direction);
     let normal = p.normal - 2.0 * max(dot(p.normal, sight), 0.0) * sight;
-    return Splat(apart <= limit, depth, offset, normal, dot(p.normal, sight) > AWAY);
+    return Splat(apart <= limit, depth, offset, normal);
 }
 
 // Where the middle of a point is in the picture, in pixels.

@@ -32,6 +32,8 @@ const CULLED: u32 = 0x80000000u;
 // In a chunk's count: whether these are points.
 const POINTS: u32 = 0x40000000u;
 const COUNT: u32 = 0x3fffffffu;
+// Where the list says which radii a point has.
+const LEVEL_SHIFT: u32 = 29u;
 // Points of more pixels from the middle are fixed function's.
 const POINT_EXTENT_MAX: f32 = 24.0;
 const SUBPIXELS: f32 = 256.0;
@@ -61,7 +63,6 @@ fn small(
 
 fn small_point(chunk: Chunk, number: u32) {
     let p = point_of(number, chunk.level);
-    let culled = (chunk.count & CULLED) != 0u;
     if p.clip.y <= 0.0 || p.clip.x > p.clip.y {
         return;
     }
@@ -72,7 +73,7 @@ fn small_point(chunk: Chunk, number: u32) {
     }
     if p.extent > POINT_EXTENT_MAX {
         let slot = chunk.large + atomicAdd(&draws[4u * chunk.draw], 3u) / 3u;
-        large[slot] = number;
+        large[slot] = number | (chunk.level << LEVEL_SHIFT);
         return;
     }
     let first = max(vec2<i32>(ceil(middle - p.extent - 0.5)), vec2(0));
@@ -80,7 +81,7 @@ fn small_point(chunk: Chunk, number: u32) {
     for (var row = first.y; row <= last.y; row++) {
         for (var column = first.x; column <= last.x; column++) {
             let splat = splat_at(p, vec2(f32(column), f32(row)) + 0.5);
-            if splat.covered && !(culled && splat.away) {
+            if splat.covered {
                 let identity = frame.size.z + number + 1u;
                 let depth = bitcast<u32>(clamp(splat.depth, 0.0, 1.0));
                 let word = (u64(depth) << 32u) | u64(identity);

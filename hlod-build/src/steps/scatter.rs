@@ -217,17 +217,8 @@ fn split_triangles(
     lattice: &Lattice,
     memory_bytes: usize,
 ) -> Result<Counts, BuildError> {
-    let mut cells = Cells::new(folder, memory_bytes / 4);
-    let mut reader = RecordReader::<CutTriangle>::open(&folder.file(&file_of(cell)))?;
     let split = HashSet::from([cell]);
-    let mut out = Vec::new();
-    while reader.left() > 0 {
-        for piece in reader.next(1 << 14)? {
-            route(piece, cell, &split, lattice, &mut out);
-        }
-        out.drain(..).try_for_each(|(cell, piece)| cells.put(cell, piece))?;
-    }
-    cells.finish()
+    split_records(folder, cell, memory_bytes, |piece, out| route(piece, cell, &split, lattice, out))
 }
 
 fn split_points(
@@ -236,13 +227,25 @@ fn split_points(
     lattice: &Lattice,
     memory_bytes: usize,
 ) -> Result<Counts, BuildError> {
-    let mut cells = Cells::new(folder, memory_bytes / 4);
-    let mut reader = RecordReader::<PlacedPoint>::open(&folder.file(&file_of(cell)))?;
     let split = HashSet::from([cell]);
+    split_records(folder, cell, memory_bytes, |point, out: &mut Vec<(CellKey, PlacedPoint)>| {
+        out.push((cell_of(&point, cell, &split, lattice), point));
+    })
+}
+
+/// Puts what `divide` makes of each record of a cell's file into the files of other cells.
+fn split_records<T: Pod + Send + Sync>(
+    folder: &WorkFolder,
+    cell: CellKey,
+    memory_bytes: usize,
+    divide: impl Fn(T, &mut Vec<(CellKey, T)>),
+) -> Result<Counts, BuildError> {
+    let mut cells = Cells::new(folder, memory_bytes / 4);
+    let mut reader = RecordReader::<T>::open(&folder.file(&file_of(cell)))?;
+    let mut out = Vec::new();
     while reader.left() > 0 {
-        for point in reader.next(1 << 14)? {
-            cells.put(cell_of(&point, cell, &split, lattice), point)?;
-        }
+        reader.next(1 << 14)?.into_iter().for_each(|record| divide(record, &mut out));
+        out.drain(..).try_for_each(|(cell, piece)| cells.put(cell, piece))?;
     }
     cells.finish()
 }
