@@ -18,6 +18,7 @@ mod error;
 pub mod frame;
 pub mod framing;
 mod gpu;
+pub mod leaves;
 mod light_space;
 mod lit;
 pub mod loader;

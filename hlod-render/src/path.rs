@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::camera::Camera;
 use crate::error::RenderError;
 use crate::framing::Framing;
+use crate::leaves::Leaves;
 use crate::pick::first_hit;
 
 /// A camera path, as in `bench-paths/*.json`.
@@ -150,7 +151,7 @@ impl CameraPath {
             None => framing.centre,
             Some(ray) => {
                 let (from, towards) = (framing.point(ray.from), framing.point(ray.towards));
-                let hit = first_hit(file, from, towards - from)?;
+                let hit = first_hit(&Leaves::open(file)?, from, towards - from)?;
                 let hit = hit.ok_or_else(|| {
                     RenderError::Usage(format!(
                         "path {}: its anchor's ray misses {}",

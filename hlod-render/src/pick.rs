@@ -1,72 +1,92 @@
 //! Where a ray meets the scan: on the leaves, never on the level that is shown.
 
-use std::path::Path;
-
 use glam::DVec3;
-use hlod_compress::{NodeRecord, PageContent, RepresentationKind, decode_page};
 
 use crate::error::RenderError;
-use crate::source::open_local;
+use crate::leaves::{Leaf, LeafRef, Leaves};
 
 /// A point on the scan's surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
-    /// World space.
+    /// In source coordinates.
     pub position: DVec3,
+    /// Unit normal of the triangle, or of the point's disc, that was met; towards where the ray
+    /// came from.
+    pub normal: DVec3,
     /// Distance from the ray's origin in units of its direction's length.
     pub distance: f64,
+    /// How far the file's surface may be from the scan's here, in the source's unit; proven for
+    /// triangles, 0 for points, which are the scan's own.
+    pub error: f64,
 }
 
-/// The first point of the leaves' triangles, or points, on the ray from `origin` along `direction`, both in
-/// source coordinates; `None` where it meets nothing. Reads the leaves that the ray passes, and
-/// waits for them.
+/// The first point of the leaves' triangles, or points, on the ray from `origin` along `direction`,
+/// both in source coordinates; `None` where it meets nothing. Reads the leaves that the ray passes,
+/// and waits for them.
 ///
 /// # Errors
 /// When the file cannot be read or is damaged.
-pub fn first_hit(path: &Path, origin: DVec3, direction: DVec3) -> Result<Option<Hit>, RenderError> {
-    let format = RenderError::format(path);
-    let file = open_local(path)?;
-    let lattice = file.header().lattice;
-    let place = |p: [i32; 3]| DVec3::from_array(lattice.position(p));
-
-    // Leaves in the order in which the ray enters their bounds.
-    let nodes = file.read_skeleton().map_err(&format)?;
-    let mut entered: Vec<(f64, &NodeRecord)> = nodes
-        .iter()
-        .filter(|n| n.is_leaf())
-        .filter_map(|n| {
-            let enter = enter_box(origin, direction, place(n.bounds[0]), place(n.bounds[1]))?;
-            Some((enter, n))
-        })
+pub fn first_hit(
+    leaves: &Leaves,
+    origin: DVec3,
+    direction: DVec3,
+) -> Result<Option<Hit>, RenderError> {
+    let passed = leaves.within(|min, max| enter_box(origin, direction, min, max).is_some())?;
+    // In the order in which the ray enters their bounds.
+    let mut entered: Vec<(f64, LeafRef)> = passed
+        .into_iter()
+        .filter_map(|leaf| Some((enter_box(origin, direction, leaf.min, leaf.max)?, leaf)))
         .collect();
     entered.sort_by(|a, b| a.0.total_cmp(&b.0));
 
-    let mut best: Option<f64> = None;
-    for (enter, node) in entered {
-        if best.is_some_and(|t| t <= enter) {
+    let mut best: Option<Hit> = None;
+    for (enter, leaf) in entered {
+        if best.is_some_and(|hit| hit.distance <= enter) {
             break;
         }
-        let Some(representation) = node.representation(RepresentationKind::Source) else {
-            continue;
-        };
-        let page = file.read_page(representation.page).map_err(&format)?;
-        let PageContent { mesh, points } = decode_page(&page).map_err(&format)?;
-        for i in 0..points.len() {
-            let normal = DVec3::from_array(points.normals[i].decode().map(f64::from));
-            let radius = points.radii[i].steps() * lattice.step;
-            if let Some(t) = hit_disc(origin, direction, place(points.positions[i]), normal, radius)
-            {
-                best = Some(best.map_or(t, |b| b.min(t)));
-            }
-        }
-        for t in &mesh.triangles {
-            let corners = t.map(|v| place(mesh.positions[v as usize]));
-            if let Some(t) = hit_triangle(origin, direction, corners) {
-                best = Some(best.map_or(t, |b| b.min(t)));
-            }
+        let hit = hit_leaf(leaves, &*leaves.load(&leaf)?, origin, direction);
+        if let Some(hit) = hit
+            && best.is_none_or(|best| hit.distance < best.distance)
+        {
+            best = Some(hit);
         }
     }
-    Ok(best.map(|distance| Hit { position: origin + direction * distance, distance }))
+    Ok(best)
+}
+
+/// The first point of one leaf on a ray.
+fn hit_leaf(leaves: &Leaves, leaf: &Leaf, origin: DVec3, direction: DVec3) -> Option<Hit> {
+    let (mesh, points) = (&leaf.content.mesh, &leaf.content.points);
+    let step = leaves.header().lattice.step;
+    let mut best = f64::INFINITY;
+    let mut met = (DVec3::ZERO, 0.0);
+    for i in 0..points.len() {
+        let normal = DVec3::from_array(points.normals[i].decode().map(f64::from));
+        let radius = points.radii[i].steps() * step;
+        let centre = leaves.place(points.positions[i]);
+        if let Some(t) = hit_disc(origin, direction, centre, normal, radius)
+            && t < best
+        {
+            (best, met) = (t, (normal, 0.0));
+        }
+    }
+    for t in &mesh.triangles {
+        let corners = t.map(|v| leaves.place(mesh.positions[v as usize]));
+        if let Some(t) = hit_triangle(origin, direction, corners)
+            && t < best
+        {
+            let [a, b, c] = corners;
+            (best, met) = (t, ((b - a).cross(c - a).normalize_or_zero(), leaf.at.error));
+        }
+    }
+    let (normal, error) = met;
+    let towards = if normal.dot(direction) > 0.0 { -normal } else { normal };
+    best.is_finite().then(|| Hit {
+        position: origin + direction * best,
+        normal: towards,
+        distance: best,
+        error,
+    })
 }
 
 /// Where the ray enters a box, at least 0.
