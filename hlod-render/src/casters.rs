@@ -46,6 +46,8 @@ pub struct CasterView {
     frusta: Vec<Frustum>,
     /// τ_c.
     threshold_px: f64,
+    /// Nothing else is relevant than what may cast on these, too: those of a part of the picture.
+    near: Option<Vec<Frustum>>,
 }
 
 /// What may hide one group's box from the light.
@@ -117,7 +119,13 @@ impl CasterView {
             light_radius: radius,
             frusta: frusta.collect(),
             threshold_px,
+            near: None,
         }
+    }
+
+    /// The same, but leaves out what cannot cast on what the other view is of.
+    pub(crate) fn near(self, part: CasterView) -> CasterView {
+        CasterView { near: Some(part.frusta), ..self }
     }
 }
 
@@ -209,7 +217,8 @@ impl Measure for CasterView {
     fn is_relevant(&self, node: &Node) -> bool {
         let corners =
             corners(node.min, node.max).map(|p| self.world_from_model.transform_point3(p));
-        self.frusta.iter().any(|f| f.may_hold(&corners))
+        let may_hold = |frusta: &[Frustum]| frusta.iter().any(|f| f.may_hold(&corners));
+        may_hold(&self.frusta) && self.near.as_deref().is_none_or(may_hold)
     }
 
     /// Pixels by which a shadow's edge moves at most.

@@ -19,6 +19,7 @@ use crate::passes::{
 use crate::scene::{Light, Representation, Shadow, Shot};
 use crate::select::{Front, Selection, View, corners, select};
 use crate::skeleton::{ChildLink, Node};
+use crate::survey::Survey;
 use crate::traced::Tracer;
 
 /// What a frame drew, for statistics and benchmark records.
@@ -47,6 +48,8 @@ struct Fronts {
     receivers: Vec<Front>,
     /// Empty where no shadows are cast.
     casters: Vec<Front>,
+    /// Depths and corners of boxes, world space, of what may be seen, by which light is laid out.
+    boxes: Vec<(u8, [DVec3; 8])>,
 }
 
 /// Draws models.
@@ -83,7 +86,7 @@ impl Renderer {
         targets: &Targets,
     ) -> Result<FrameStats, RenderError> {
         self.plan(models, shot, targets);
-        let fronts = update(gpu, models, shot, targets.width(), targets.height())?;
+        let fronts = update(gpu, models, shot, targets, None)?;
         self.draw(gpu, models, &fronts, shot, targets)?;
         let can_choose = self.passes.can_choose_points(gpu, targets);
         Ok(stats(models, &fronts, shot, targets, can_choose))
@@ -102,7 +105,8 @@ impl Renderer {
         self.planned = Some(now);
         for model in models {
             let placed = model.world_from_model();
-            let view = View::new(&shot.camera, placed, targets.width(), targets.height());
+            let (width, height) = targets.window().picture();
+            let view = View::new(&shot.camera, placed, width, height);
             model.plan(&Need::new(&view, selection(shot), pace));
         }
     }
@@ -119,7 +123,32 @@ impl Renderer {
         targets: &Targets,
     ) -> Result<FrameStats, RenderError> {
         loop {
-            let fronts = update(gpu, models, shot, targets.width(), targets.height())?;
+            let fronts = update(gpu, models, shot, targets, None)?;
+            let mut all = fronts.receivers.iter().chain(&fronts.casters);
+            if all.all(|f| f.wanted.is_empty()) || !models.iter().any(Model::is_loading) {
+                self.draw(gpu, models, &fronts, shot, targets)?;
+                let can_choose = self.passes.can_choose_points(gpu, targets);
+                return Ok(stats(models, &fronts, shot, targets, can_choose));
+            }
+            std::thread::yield_now();
+        }
+    }
+
+    /// Draws a part of a picture after loading everything it wants: bit for bit what the whole picture
+    /// has there. Adapters without 64-bit atomics may differ by roundings at edges.
+    ///
+    /// # Errors
+    /// When the GPU fails, or a part that is needed is damaged.
+    pub fn render_part(
+        &mut self,
+        gpu: &Gpu,
+        models: &mut [Model],
+        shot: &Shot,
+        targets: &Targets,
+        survey: &Survey,
+    ) -> Result<FrameStats, RenderError> {
+        loop {
+            let fronts = update(gpu, models, shot, targets, Some(survey))?;
             let mut all = fronts.receivers.iter().chain(&fronts.casters);
             if all.all(|f| f.wanted.is_empty()) || !models.iter().any(Model::is_loading) {
                 self.draw(gpu, models, &fronts, shot, targets)?;
@@ -163,8 +192,8 @@ impl Renderer {
                     let r = &node.representations[representation];
                     ((r.geometric_error + r.cover_radius) * scale) as f32
                 };
-                let view =
-                    View::new(&shot.camera, world_from_model, targets.width(), targets.height());
+                let (width, height) = targets.window().picture();
+                let view = View::new(&shot.camera, world_from_model, width, height);
                 uniform.points.w = step as f32;
                 uniform.skirt = skirt(front, &world_from_model, step, shot, targets);
                 uniforms.push((uniform, buffers));
@@ -237,7 +266,7 @@ impl Renderer {
             }
         }
 
-        let lit = (shot.shadow != Shadow::None).then(|| lit(models, fronts, shot));
+        let lit = (shot.shadow != Shadow::None).then(|| lit(models, &fronts.boxes, shot));
         let faces = lit.iter().flat_map(|lit| {
             let placed = model_of.iter().map(|&m: &usize| models[m].world_from_model());
             let reaches = model_of.iter().map(|&m| {
@@ -260,7 +289,7 @@ impl Renderer {
             (Shadow::Traced, Some(lit)) => Some((tracer(&mut self.tracer, models)?, lit)),
             _ => None,
         };
-        let hidden = tracer.map(|(tracer, lit)| lit.hidden_by(tracer));
+        let hidden = tracer.map(|(tracer, lit)| lit.hidden_by(tracer, targets));
         let shadow = match (&hidden, shot.shadow) {
             (Some(hidden), _) => DrawnShadow::Traced { faces: &faces, hidden },
             (None, Shadow::None) => DrawnShadow::None,
@@ -270,7 +299,12 @@ impl Renderer {
                 is_soft: shot.light_radius() > 0.0,
             },
         };
-        let drawn = Drawn { ranges: &ranges, parts: &parts, area: seen.rectangle(), shadow };
+        // What a part shows near its sides may be of nodes that are beside it.
+        let area = match targets.window().is_part {
+            true => Rectangle::all(targets),
+            false => seen.rectangle(),
+        };
+        let drawn = Drawn { ranges: &ranges, parts: &parts, area, shadow };
         self.passes.encode(gpu, &uniforms, &drawn, shot, targets)
     }
 
@@ -304,11 +338,10 @@ pub fn check_models(models: &[Model], shadow: Shadow) -> Result<(), RenderError>
 }
 
 /// The light of one frame.
-fn lit(models: &[Model], fronts: &Fronts, shot: &Shot) -> Lit {
+fn lit(models: &[Model], boxes: &[(u8, [DVec3; 8])], shot: &Shot) -> Lit {
     let centre =
         models.first().map_or(DVec3::ZERO, |m| m.world_from_model().transform_point3(DVec3::ZERO));
-    let points: Vec<DVec3> =
-        visible_boxes(models, &fronts.receivers).iter().flat_map(|(_, corners)| *corners).collect();
+    let points: Vec<DVec3> = boxes.iter().flat_map(|(_, corners)| *corners).collect();
     Lit::around(&points, centre, shot)
 }
 
@@ -375,7 +408,7 @@ impl Seen {
 }
 
 /// What is asked of the receivers' front.
-fn selection(shot: &Shot) -> Selection {
+pub(crate) fn selection(shot: &Shot) -> Selection {
     let full = shot.representation == Representation::Full;
     Selection {
         kind: shot.representation.kind(),
@@ -388,38 +421,67 @@ fn update(
     gpu: &Gpu,
     models: &mut [Model],
     shot: &Shot,
-    width: u32,
-    height: u32,
+    targets: &Targets,
+    survey: Option<&Survey>,
 ) -> Result<Fronts, RenderError> {
     check_models(models, shot.shadow)?;
-    let full = shot.representation == Representation::Full;
+    let (width, height) = targets.window().picture();
     let selection = selection(shot);
-    let mut fronts = Fronts { receivers: Vec::new(), casters: Vec::new() };
-    for model in models.iter_mut() {
+    let mut fronts = Fronts { receivers: Vec::new(), casters: Vec::new(), boxes: Vec::new() };
+    for (m, model) in models.iter_mut().enumerate() {
         model.receive(gpu)?;
-        let view = View::new(&shot.camera, model.world_from_model(), width, height);
+        let mut view = View::new(&shot.camera, model.world_from_model(), width, height);
+        if let Some(survey) = survey {
+            view = survey.narrowed(view, targets, m);
+        }
         let is_resident = |n, r| model.is_resident(n, r);
-        fronts.receivers.push(select(model.skeleton(), &view, selection, &is_resident));
+        let mut front = select(model.skeleton(), &view, selection, &is_resident);
+        if let Some(survey) = survey {
+            survey.receivers[m].widen(&mut front);
+        }
+        fronts.receivers.push(front);
+    }
+    if shot.shadow != Shadow::None {
+        fronts.boxes = visible_boxes(models, &fronts.receivers);
     }
     if matches!(shot.shadow, Shadow::Hard | Shadow::Soft) {
-        let threshold_px = if full { 0.0 } else { shot.caster_threshold_px };
-        let boxes = visible_boxes(models, &fronts.receivers);
-        for model in models.iter() {
-            let placed = model.world_from_model();
-            let size = (width, height);
-            let view = CasterView::new(shot, size, &boxes, threshold_px, placed);
+        let whole = survey.map_or(&fronts.boxes, |survey| &survey.boxes);
+        for (m, model) in models.iter().enumerate() {
+            let mut view = caster_view(model, shot, (width, height), whole);
+            if survey.is_some() {
+                view = view.near(caster_view(model, shot, (width, height), &fronts.boxes));
+            }
             let is_resident = |n, r| model.is_resident(n, r);
-            fronts.casters.push(select_casters(model.skeleton(), &view, &is_resident));
+            let mut front = select_casters(model.skeleton(), &view, &is_resident);
+            if let Some(survey) = survey {
+                survey.casters[m].widen(&mut front);
+            }
+            fronts.casters.push(front);
         }
     }
     for (m, model) in models.iter_mut().enumerate() {
         model.request(&[Some(&fronts.receivers[m]), fronts.casters.get(m)]);
     }
+    if let Some(survey) = survey {
+        fronts.boxes.clone_from(&survey.boxes);
+    }
     Ok(fronts)
 }
 
+/// Which parts of a model may cast on what is in these boxes.
+pub(crate) fn caster_view(
+    model: &Model,
+    shot: &Shot,
+    size: (u32, u32),
+    boxes: &[(u8, [DVec3; 8])],
+) -> CasterView {
+    let full = shot.representation == Representation::Full;
+    let threshold_px = if full { 0.0 } else { shot.caster_threshold_px };
+    CasterView::new(shot, size, boxes, threshold_px, model.world_from_model())
+}
+
 /// Depths of the nodes that are drawn and the corners of their boxes in world space.
-fn visible_boxes(models: &[Model], fronts: &[Front]) -> Vec<(u8, [DVec3; 8])> {
+pub(crate) fn visible_boxes(models: &[Model], fronts: &[Front]) -> Vec<(u8, [DVec3; 8])> {
     let of_model = |(model, front): (&Model, &Front)| -> Vec<(u8, [DVec3; 8])> {
         let placed = model.world_from_model();
         let node = |n: u32| &model.skeleton().nodes()[n as usize];
@@ -434,7 +496,8 @@ fn visible_boxes(models: &[Model], fronts: &[Front]) -> Vec<(u8, [DVec3; 8])> {
 
 /// World units that a pixel shows at depth 1, or anywhere in parallel projection.
 fn world_per_pixel(shot: &Shot, targets: &Targets) -> f64 {
-    let (width, height) = (f64::from(targets.width()), f64::from(targets.height()));
+    let (width, height) = targets.window().picture();
+    let (width, height) = (f64::from(width), f64::from(height));
     2.0 * shot.camera.half_extent(width / height).y / height
 }
 
@@ -446,7 +509,8 @@ pub(crate) fn uniform(
     targets: &Targets,
     first_identity: u32,
 ) -> FrameUniform {
-    let (width, height) = (targets.width(), targets.height());
+    let window = targets.window();
+    let (width, height) = window.picture();
     let aspect = f64::from(width) / f64::from(height);
     // Shading happens relative to the model's centre: f32 would not do far from the origin.
     let centre = world_from_model.transform_point3(glam::DVec3::ZERO);
@@ -481,6 +545,7 @@ pub(crate) fn uniform(
         // Known when all that is seen is.
         area: [0; 4],
         size: [width, height, first_identity, 0],
+        window: [window.x, window.y, targets.width(), targets.height()],
     }
 }
 
@@ -519,7 +584,7 @@ fn skirt(
 ) -> Vec4 {
     // Both sides of a seam may be wrong. Nearer than its error no node has a bound; what covers the
     // picture is enough.
-    let pixels = (2.0 * front.border_px).min(targets.height().into());
+    let pixels = (2.0 * front.border_px).min(targets.window().picture_height.into());
     let scale = world_from_model.x_axis.truncate().length();
     Vec4::new((pixels * world_per_pixel(shot, targets) / scale) as f32, 2.0 * step as f32, 0.0, 0.0)
 }
@@ -531,7 +596,7 @@ fn stats(
     targets: &Targets,
     can_choose: bool,
 ) -> FrameStats {
-    let (width, height) = (targets.width(), targets.height());
+    let (width, height) = targets.window().picture();
     let view = |m: &Model| View::new(&shot.camera, m.world_from_model(), width, height);
     let views: Vec<View> = models.iter().map(view).collect();
     let mut stats = FrameStats { tau_ratio: 0.0, ..FrameStats::default() };

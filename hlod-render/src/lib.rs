@@ -35,6 +35,7 @@ pub mod simulate;
 pub mod skeleton;
 pub mod skirts;
 pub mod source;
+pub mod survey;
 mod traced;
 #[cfg(feature = "viewer")]
 pub mod viewer;

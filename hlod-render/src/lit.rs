@@ -3,7 +3,7 @@
 use glam::{DMat4, DVec3, Vec4};
 
 use crate::light_space::{Face, faces};
-use crate::passes::{FaceUniforms, FrameUniform};
+use crate::passes::{FaceUniforms, FrameUniform, Targets};
 use crate::scene::{Light, Shot};
 use crate::traced::{LIGHT_RAYS, Tracer};
 
@@ -72,10 +72,16 @@ impl Lit {
     pub(crate) fn hidden_by<'a>(
         &'a self,
         tracer: &'a Tracer,
+        targets: &'a Targets,
     ) -> impl Fn(usize, &[Option<[f32; 3]>]) -> Vec<u32> + 'a {
         let rays = if self.radius > 0.0 { LIGHT_RAYS } else { 1 };
         move |face, points| {
-            tracer.occlusion(points, rays, &|p, on_disc| {
+            let (window, width) = (targets.window(), targets.width() as usize);
+            let number = |i: usize| {
+                let (x, y) = (window.x as usize + i % width, window.y as usize + i / width);
+                y * window.picture_width as usize + x
+            };
+            tracer.occlusion(points, &number, rays, &|p, on_disc| {
                 self.faces[face].world(p.map(f64::from), on_disc * self.radius)
             })
         }

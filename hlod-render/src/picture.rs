@@ -110,7 +110,8 @@ pub fn take(
 }
 
 impl Picture {
-    /// Averages blocks of n × n pixels in linear light; the size must be divisible by n.
+    /// Averages blocks of n × n pixels in linear light; the size must be divisible by n. Colours count by
+    /// their alpha, so that what is transparent leaves no fringe.
     pub fn reduced(&self, n: u32) -> Picture {
         if n == 1 {
             return self.clone();
@@ -124,12 +125,13 @@ impl Picture {
                 for dy in 0..n {
                     let start = (((y * n + dy) * self.width + x * n) * 4) as usize;
                     for pixel in self.rgba[start..start + 4 * n as usize].chunks_exact(4) {
-                        (0..3).for_each(|i| sum[i] += linear[usize::from(pixel[i])]);
-                        sum[3] += f32::from(pixel[3]);
+                        let alpha = f32::from(pixel[3]);
+                        (0..3).for_each(|i| sum[i] += linear[usize::from(pixel[i])] * alpha);
+                        sum[3] += alpha;
                     }
                 }
                 let count = (n * n) as f32;
-                rgba.extend((0..3).map(|i| srgb_from_linear(sum[i] / count)));
+                rgba.extend((0..3).map(|i| srgb_from_linear(sum[i] / sum[3].max(1.0))));
                 rgba.push((sum[3] / count).round() as u8);
             }
         }

@@ -34,6 +34,9 @@ pub struct View {
     pub(crate) half_extent: DVec2,
     /// Scale of model lengths in world space.
     pub(crate) scale: f64,
+    /// The part of clip space that is drawn, over w.
+    low: DVec2,
+    high: DVec2,
 }
 
 impl View {
@@ -59,7 +62,15 @@ impl View {
             near: camera.near,
             half_extent,
             scale: world_from_model.x_axis.truncate().length(),
+            low: DVec2::NEG_ONE,
+            high: DVec2::ONE,
         }
+    }
+
+    /// The same, but sees boxes only in a part of the picture, which begins and ends so far from its
+    /// middle; 1 is its side. What errors cover is as in the whole picture.
+    pub(crate) fn narrowed(self, low: DVec2, high: DVec2) -> View {
+        View { low: low.max(DVec2::NEG_ONE), high: high.min(DVec2::ONE), ..self }
     }
 
     /// Whether a box may be seen at all: not all of it is behind one plane of the frustum.
@@ -67,10 +78,10 @@ impl View {
         let clip = corners(min, max).map(|c| self.clip_from_model * c.extend(1.0));
         let outside = |f: &dyn Fn(DVec4) -> f64| clip.iter().all(|&c| f(c) < 0.0);
         // Depth is reversed: nearer than the near plane is z > w.
-        !(outside(&|c| c.w + c.x)
-            || outside(&|c| c.w - c.x)
-            || outside(&|c| c.w + c.y)
-            || outside(&|c| c.w - c.y)
+        !(outside(&|c| c.x - self.low.x * c.w)
+            || outside(&|c| self.high.x * c.w - c.x)
+            || outside(&|c| c.y - self.low.y * c.w)
+            || outside(&|c| self.high.y * c.w - c.y)
             || outside(&|c| c.w - c.z))
     }
 

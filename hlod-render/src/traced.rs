@@ -122,17 +122,19 @@ impl Tracer {
 
     /// For each point how much is hidden of a light; `way` gives its place, the way to a point of the
     /// light's disc of radius 1, and how many times that leads there. `rays` is 1 for a light without
-    /// extent; otherwise they lie on a spiral (Vogel 1979) that is turned from point to point.
+    /// extent; otherwise they lie on a spiral (Vogel 1979) that is turned from
+    /// point to point by their `number`, which is the same in whatever part of a picture they are seen.
     pub(crate) fn occlusion(
         &self,
         points: &[Option<[f32; 3]>],
+        number: &(dyn Fn(usize) -> usize + Sync),
         rays: u32,
         way: &WayToLight<'_>,
     ) -> Vec<u32> {
         const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
         let one = |(i, point): (usize, &Option<[f32; 3]>)| {
             let Some(point) = point else { return 0 };
-            let turn = (i as f64 * 0.618_033_988_749_895).fract() * std::f64::consts::TAU;
+            let turn = (number(i) as f64 * 0.618_033_988_749_895).fract() * std::f64::consts::TAU;
             let hidden = (0..rays).filter(|&k| {
                 let radius = ((f64::from(k) + 0.5) / f64::from(rays)).sqrt();
                 let on_disc = DVec2::from_angle(f64::from(k) * GOLDEN_ANGLE + turn) * radius;

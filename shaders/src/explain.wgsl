@@ -122,7 +122,7 @@ fn explained(pixel: vec2<f32>, borders: bool) -> vec4<f32> {
     for (var i = 0u; i < 3u; i++) {
         let j = (i + 1u) % 3u;
         let in_face = any(on_low[i] & on_low[j]) || any(on_high[i] & on_high[j]);
-        if in_face && distance_to_line(pixel, pixel_of(corner[i]), pixel_of(corner[j])) < HALF_LINE {
+        if in_face && distance_to_line(in_picture(pixel), pixel_of(corner[i]), pixel_of(corner[j])) < HALF_LINE {
             return vec4(LINE, 1.0);
         }
     }

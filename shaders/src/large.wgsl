@@ -26,7 +26,7 @@ fn large_vertex(@builtin(vertex_index) corner: u32) -> Fragment {
         return Fragment(corner_round_point(point_of(number, entry >> LEVEL_SHIFT), corner % 3u), entry);
     }
     let index = indices[3u * number + corner % 3u];
-    return Fragment(frame.clip_from_model * vec4(position_of(index), 1.0), entry);
+    return Fragment(in_window(frame.clip_from_model * vec4(position_of(index), 1.0)), entry);
 }
 
 @fragment
@@ -34,7 +34,7 @@ fn large_fragment(in: Fragment, @builtin(front_facing) front: bool) -> Drawn {
     let number = in.entry & NUMBER;
     let identity = frame.size.z + number + 1u;
     if is_point(number) {
-        let splat = splat_at(point_of(number, in.entry >> LEVEL_SHIFT), in.clip.xy);
+        let splat = splat_at(point_of(number, in.entry >> LEVEL_SHIFT), in_picture(in.clip.xy));
         if !splat.covered {
             discard;
         }

@@ -48,6 +48,17 @@ pub const SPLATS: Pass = Pass {
     ),
 };
 
+/// The same in compute, where parts of a picture must agree; with [`SMALL`]'s bindings.
+pub const SPREAD: Pass = Pass {
+    name: "spread",
+    source: concat!(
+        include_str!("shared.wgsl"),
+        include_str!("points.wgsl"),
+        include_str!("small.wgsl"),
+        include_str!("spread.wgsl")
+    ),
+};
+
 /// What [`SMALL`] found, into identity and depth.
 pub const RESOLVE: Pass = Pass {
     name: "resolve",
@@ -119,8 +130,9 @@ pub const EXPLAIN: Pass = Pass {
 pub const PANEL: Pass = Pass { name: "panel", source: include_str!("panel.wgsl") };
 
 /// Every pass.
-pub const ALL: [Pass; 12] = [
-    SURFACE, SMALL, LARGE, SPLATS, RESOLVE, SHADE, SAMPLES, OCCLUDE, SOFTEN, SETTLE, EXPLAIN, PANEL,
+pub const ALL: [Pass; 13] = [
+    SURFACE, SMALL, SPREAD, LARGE, SPLATS, RESOLVE, SHADE, SAMPLES, OCCLUDE, SOFTEN, SETTLE,
+    EXPLAIN, PANEL,
 ];
 
 #[cfg(test)]

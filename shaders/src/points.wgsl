@@ -115,5 +115,5 @@ fn corner_round_point(p: Point, corner: u32) -> vec4<f32> {
     let at = vec2(f32(corner == 1u), f32(corner == 2u)) * 4.0 - 1.0;
     let pixel = pixel_of_point(p) + at * (p.extent + 1.0);
     let ndc = (pixel / vec2<f32>(frame.size.xy) * 2.0 - 1.0) * vec2(1.0, -1.0);
-    return vec4(ndc, 0.5, 1.0);
+    return in_window(vec4(ndc, 0.5, 1.0));
 }

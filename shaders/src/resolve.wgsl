@@ -16,7 +16,7 @@ fn resolve_vertex(@builtin(vertex_index) corner: u32) -> @builtin(position) vec4
 
 @fragment
 fn resolve_fragment(@builtin(position) pixel: vec4<f32>) -> Resolved {
-    let word = words[u32(pixel.y) * frame.size.x + u32(pixel.x)];
+    let word = words[number_of(vec2<u32>(pixel.xy))];
     if word.x == 0u {
         discard;
     }

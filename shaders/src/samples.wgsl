@@ -41,7 +41,7 @@ fn place(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = frame.area.xy + id.xy;
-    let pixel = at.y * frame.size.x + at.x;
+    let pixel = number_of(at);
     let identity = textureLoad(identities, vec2<i32>(at), 0).x;
     let triangle = triangle_of(identity);
     if triangle == NONE {
@@ -52,7 +52,7 @@ fn place(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     // Not by its depth: where corners are snapped to parts of a pixel that lies beside the triangle.
-    let seen = seen_point(triangle, vec2<f32>(at) + 0.5);
+    let seen = seen_point(triangle, in_picture(vec2<f32>(at) + 0.5));
     var is_back = (identity & BACK) != 0u;
     var across = seen.across;
     var error = error_of((identity & ~BACK) - 1u);
@@ -150,7 +150,7 @@ fn measure(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let end = min(id.y * 64u + 64u, frame.area.w);
     for (var y = id.y * 64u; y < end; y++) {
-        let sample = samples[(frame.area.y + y) * frame.size.x + frame.area.x + id.x];
+        let sample = samples[number_of(frame.area.xy + vec2(id.x, y))];
         if sample.next == UNBINNED {
             is_used = true;
             largest[0] = max(largest[0], -sample.x);
@@ -193,7 +193,7 @@ fn bin(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = frame.area.xy + id.xy;
-    let pixel = at.y * frame.size.x + at.x;
+    let pixel = number_of(at);
     let sample = samples[pixel];
     if sample.next != UNBINNED {
         return;

@@ -11,7 +11,7 @@ fn settle(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = frame.area.xy + id.xy;
-    let pixel = at.y * frame.size.x + at.x;
+    let pixel = number_of(at);
     let covered = clamp(max(sums[2u * pixel], sums[2u * pixel + 1u]), 0, HIDDEN);
     // Of points that are turned away from the light all of it is hidden already.
     occlusion[pixel] = max(occlusion[pixel], u32(covered));

@@ -37,7 +37,7 @@ fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32>
         return vec4(1.0, 0.0, 1.0, 1.0);
     }
 
-    let seen = seen_point(number, pixel.xy);
+    let seen = seen_point(number, in_picture(pixel.xy));
     let w = seen.weights;
     let a = indices[3u * number] & VERTEX;
     let b = indices[3u * number + 1u] & VERTEX;
@@ -66,7 +66,7 @@ fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32>
     let to_light = normalize(select(frame.light.xyz, frame.light.xyz - position, frame.light.w > 0.5));
     var visibility = 1.0;
     if frame.shadow.x > 0.5 {
-        visibility -= f32(occlusion[u32(pixel.y) * frame.size.x + u32(pixel.x)]) / f32(HIDDEN);
+        visibility -= f32(occlusion[number_of(vec2<u32>(pixel.xy))]) / f32(HIDDEN);
     }
     let diffuse = visibility * max(dot(n, to_light), 0.0);
     let half_way = normalize(to_light + to_eye);

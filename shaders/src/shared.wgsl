@@ -31,6 +31,8 @@ struct Frame {
     // x, y: size of the picture in pixels; z: number of the arena's first triangle; w: of its
     // first chunk.
     size: vec4<u32>,
+    // The part of the picture that is drawn: its first pixel, its width and height.
+    window: vec4<u32>,
 }
 
 struct Vertex {
@@ -91,4 +93,26 @@ fn position_of(index: u32) -> vec3<f32> {
     let direction = select(-normal, inward / inward_length, inward_length > 0.05);
     let depth = (frame.clip_from_model * vec4(position, 1.0)).w;
     return position + direction * (frame.skirt.x * max(depth, 0.0) + frame.skirt.y);
+}
+
+// Pixels are counted in the picture, words and samples in the part of it that is drawn: whatever is
+// computed of a pixel is the same, bit for bit, in whichever part it lies.
+fn in_picture(pixel: vec2<f32>) -> vec2<f32> {
+    return pixel + vec2<f32>(frame.window.xy);
+}
+
+// The number of a pixel of the part that is drawn.
+fn number_of(pixel: vec2<u32>) -> u32 {
+    return pixel.y * frame.window.z + pixel.x;
+}
+
+// From clip space of the picture to that of the part, for fixed function.
+fn in_window(clip: vec4<f32>) -> vec4<f32> {
+    if all(frame.window.zw == frame.size.xy) {
+        return clip;
+    }
+    let whole = vec2<f32>(frame.size.xy);
+    let part = vec2<f32>(frame.window.zw);
+    let middle = (whole - 2.0 * vec2<f32>(frame.window.xy)) / part - 1.0;
+    return vec4(clip.xy * whole / part + vec2(middle.x, -middle.y) * clip.w, clip.zw);
 }

@@ -40,6 +40,20 @@ const SUBPIXELS: f32 = 256.0;
 // Larger triangles, in sub-pixels, are fixed function's: its edges would overflow here, too.
 const EXTENT_MAX: i32 = 8192;
 
+// First and last pixel of the part of the picture that is drawn.
+fn window_low() -> vec2<i32> {
+    return vec2<i32>(frame.window.xy);
+}
+
+fn window_high() -> vec2<i32> {
+    return vec2<i32>(frame.window.xy + frame.window.zw) - 1;
+}
+
+// Where the word of one of the picture's pixels is.
+fn word_at(pixel: vec2<i32>) -> u32 {
+    return number_of(vec2<u32>(pixel - window_low()));
+}
+
 fn cross2i(a: vec2<i32>, b: vec2<i32>) -> i32 {
     return a.x * b.y - a.y * b.x;
 }
@@ -76,8 +90,8 @@ fn small_point(chunk: Chunk, number: u32) {
         large[slot] = number | (chunk.level << LEVEL_SHIFT);
         return;
     }
-    let first = max(vec2<i32>(ceil(middle - p.extent - 0.5)), vec2(0));
-    let last = min(vec2<i32>(floor(middle + p.extent - 0.5)), vec2<i32>(frame.size.xy) - 1);
+    let first = max(vec2<i32>(ceil(middle - p.extent - 0.5)), window_low());
+    let last = min(vec2<i32>(floor(middle + p.extent - 0.5)), window_high());
     for (var row = first.y; row <= last.y; row++) {
         for (var column = first.x; column <= last.x; column++) {
             let splat = splat_at(p, vec2(f32(column), f32(row)) + 0.5);
@@ -85,7 +99,7 @@ fn small_point(chunk: Chunk, number: u32) {
                 let identity = frame.size.z + number + 1u;
                 let depth = bitcast<u32>(clamp(splat.depth, 0.0, 1.0));
                 let word = (u64(depth) << 32u) | u64(identity);
-                atomicMax(&pixels[u32(row) * frame.size.x + u32(column)], word);
+                atomicMax(&pixels[word_at(vec2(column, row))], word);
             }
         }
     }
@@ -141,9 +155,8 @@ fn small_triangle(chunk: Chunk, triangle: u32) {
         area = -area;
     }
     // Pixels whose centres lie within the bounds.
-    let size = vec2<i32>(frame.size.xy);
-    let first = max((min(min(pa, pb), pc) + vec2(127)) >> vec2(8u), vec2(0));
-    let last = min((max(max(pa, pb), pc) - vec2(128)) >> vec2(8u), size - 1);
+    let first = max((min(min(pa, pb), pc) + vec2(127)) >> vec2(8u), window_low());
+    let last = min((max(max(pa, pb), pc) - vec2(128)) >> vec2(8u), window_high());
     let identity = select(0u, BACK, back) | (frame.size.z + triangle + 1u);
     let slope = vec2(depth_b - depth_a, depth_c - depth_a) / f32(area);
     for (var row = first.y; row <= last.y; row++) {
@@ -155,7 +168,7 @@ fn small_triangle(chunk: Chunk, triangle: u32) {
             if to_a >= 0 && to_b >= 0 && to_c >= 0 {
                 let depth = depth_a + dot(vec2(f32(to_b), f32(to_c)), slope);
                 let word = (u64(bitcast<u32>(max(depth, 0.0))) << 32u) | u64(identity);
-                atomicMax(&pixels[u32(row * size.x + column)], word);
+                atomicMax(&pixels[word_at(vec2(column, row))], word);
             }
         }
     }

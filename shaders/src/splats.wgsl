@@ -18,7 +18,7 @@ fn splats_vertex(@builtin(vertex_index) corner: u32) -> Fragment {
 
 @fragment
 fn splats_fragment(in: Fragment) -> Drawn {
-    let splat = splat_at(point_of(in.number, 0u), in.clip.xy);
+    let splat = splat_at(point_of(in.number, 0u), in_picture(in.clip.xy));
     if !splat.covered {
         discard;
     }

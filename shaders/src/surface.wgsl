@@ -9,7 +9,7 @@ struct Fragment {
 @vertex
 fn surface_vertex(@builtin(vertex_index) corner: u32) -> Fragment {
     let position = position_of(indices[corner]);
-    return Fragment(frame.clip_from_model * vec4(position, 1.0), corner / 3u);
+    return Fragment(in_window(frame.clip_from_model * vec4(position, 1.0)), corner / 3u);
 }
 
 @fragment

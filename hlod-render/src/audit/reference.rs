@@ -143,7 +143,7 @@ impl Reference {
         };
         let parts: Vec<LitPart> = uniforms.iter().map(|(uniform, _)| part(uniform)).collect();
         let faces = lit.face_uniforms(&parts);
-        let shadow = DrawnShadow::Traced { faces: &faces, hidden: &lit.hidden_by(tracer) };
+        let shadow = DrawnShadow::Traced { faces: &faces, hidden: &lit.hidden_by(tracer, targets) };
         let drawn = Drawn { ranges: &ranges, parts: &[], area, shadow };
         renderer.draw_ranges(gpu, &uniforms, &drawn, shot, targets)
     }

@@ -51,6 +51,8 @@ pub struct FrameUniform {
     pub area: [u32; 4],
     /// Width, height, number of the arena's first triangle, and of its first chunk.
     pub size: [u32; 4],
+    /// The part of the picture that is drawn: its first pixel, its width and height.
+    pub window: [u32; 4],
 }
 
 /// Uniforms lie this far apart in their buffer: a multiple of 256 is what every adapter allows.
@@ -148,12 +150,44 @@ impl Rectangle {
     }
 }
 
+/// Where what is drawn lies in the picture that it is a part of. Levels, light and skirts are those of
+/// the whole picture, and pixels of a part equal those of the whole bit for bit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Window {
+    /// Pixels in a row of the whole picture.
+    pub picture_width: u32,
+    /// Its rows.
+    pub picture_height: u32,
+    /// Left side of the part.
+    pub x: u32,
+    /// Its upper side.
+    pub y: u32,
+    /// Whether parts must agree: everything is then rasterised in compute, where the adapter can.
+    pub is_part: bool,
+    /// Whether what nothing is drawn on is transparent instead of the background.
+    pub transparent: bool,
+}
+
+impl Window {
+    /// A picture in one piece.
+    pub fn whole(width: u32, height: u32) -> Window {
+        let (picture_width, picture_height) = (width, height);
+        Window { picture_width, picture_height, x: 0, y: 0, is_part: false, transparent: false }
+    }
+
+    /// Width and height of the whole picture.
+    pub fn picture(&self) -> (u32, u32) {
+        (self.picture_width, self.picture_height)
+    }
+}
+
 /// Textures that a frame is drawn into.
 pub struct Targets {
     identity: wgpu::Texture,
     depth: wgpu::Texture,
     /// The picture.
     pub colour: wgpu::TextureView,
+    window: Window,
     identity_view: wgpu::TextureView,
     /// A number a pixel; made when shadows are first drawn.
     occlusion: std::sync::OnceLock<wgpu::Buffer>,
@@ -175,6 +209,7 @@ impl Targets {
             identity,
             depth: texture("depth", DEPTH_FORMAT),
             colour,
+            window: Window::whole(width, height),
             occlusion: std::sync::OnceLock::new(),
         }
     }
@@ -187,6 +222,16 @@ impl Targets {
     /// Height in pixels.
     pub fn height(&self) -> u32 {
         self.identity.height()
+    }
+
+    /// Which part of which picture this is.
+    pub fn window(&self) -> Window {
+        self.window
+    }
+
+    /// Shows another part from now on.
+    pub(crate) fn show(&mut self, window: Window) {
+        self.window = window;
     }
 
     /// Identity of the triangle seen in each pixel: 0 for none, bit 31 for its back.
@@ -481,7 +526,7 @@ impl Passes {
             });
             pass.set_scissor_rect(area.x, area.y, area.width, area.height);
             if let Some((small, work)) = small {
-                small.draw(&mut pass, work, &geometry);
+                small.draw(&mut pass, work, &geometry, targets);
             }
             let mut first = 0;
             let to_fixed = if small.is_some() { &[] } else { ranges.as_slice() };
@@ -516,10 +561,10 @@ impl Passes {
         let explained =
             is_explained.then(|| self.explain.parts(gpu, drawn.parts, &targets.identity_view));
         {
-            let [r, g, b] = shot.background.to_array().map(f64::from);
+            let clear = background(shot, targets);
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("shade"),
-                color_attachments: &[attachment(&targets.colour, wgpu::Color { r, g, b, a: 1.0 })],
+                color_attachments: &[attachment(&targets.colour, clear)],
                 depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                     view: &depth_view,
                     depth_ops: None,
@@ -558,6 +603,15 @@ impl Passes {
         gpu.queue.submit([encoder.finish()]);
         Ok(())
     }
+}
+
+/// What is where nothing is drawn.
+fn background(shot: &Shot, targets: &Targets) -> wgpu::Color {
+    if targets.window.transparent {
+        return wgpu::Color::TRANSPARENT;
+    }
+    let [r, g, b] = shot.background.to_array().map(f64::from);
+    wgpu::Color { r, g, b, a: 1.0 }
 }
 
 /// An arena and a uniform, whose place in the buffer is given when it is bound.

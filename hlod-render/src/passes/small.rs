@@ -10,8 +10,13 @@ use super::{
 };
 use crate::gpu::Gpu;
 
+/// Workgroups among which what is large is divided, and those among which its rows are.
+const SPREAD_GROUPS: u32 = 64;
+const SPREAD_STRIPES: u32 = 8;
+
 pub(super) struct SmallTriangles {
     small: wgpu::ComputePipeline,
+    spread: wgpu::ComputePipeline,
     large: wgpu::RenderPipeline,
     resolve: wgpu::RenderPipeline,
     compute_layout: wgpu::BindGroupLayout,
@@ -75,6 +80,7 @@ impl SmallTriangles {
         };
         let groups = [Some(geometry_layout), Some(&compute_layout)];
         let [small] = compute_pipelines(gpu, &groups, hlod_shaders::SMALL, ["small"]);
+        let [spread] = compute_pipelines(gpu, &groups, hlod_shaders::SPREAD, ["spread"]);
         let list_pipeline_layout = pipeline_layout("list", &list_layout);
         let render = |pass: hlod_shaders::Pass| {
             let module = module(pass);
@@ -109,6 +115,7 @@ impl SmallTriangles {
         let usage = wgpu::BufferUsages::STORAGE;
         Some(SmallTriangles {
             small,
+            spread,
             large: render(hlod_shaders::LARGE),
             resolve: render(hlod_shaders::RESOLVE),
             compute_layout,
@@ -187,6 +194,15 @@ impl SmallTriangles {
             pass.set_bind_group(0, bind_group, &[offset]);
             work.chunks.dispatch(&mut pass, uniform);
         }
+        if targets.window().is_part {
+            pass.set_pipeline(&self.spread);
+            for (uniform, &(bind_group, offset)) in geometry.iter().enumerate() {
+                if work.chunks.counts[uniform] > 0 {
+                    pass.set_bind_group(0, bind_group, &[offset]);
+                    pass.dispatch_workgroups(SPREAD_GROUPS, SPREAD_STRIPES, 1);
+                }
+            }
+        }
     }
 
     /// What is left, and what was found, into a pass with identity and depth.
@@ -195,11 +211,12 @@ impl SmallTriangles {
         pass: &mut wgpu::RenderPass<'_>,
         work: &Work,
         geometry: &[(&wgpu::BindGroup, u32)],
+        targets: &Targets,
     ) {
         pass.set_pipeline(&self.large);
         pass.set_bind_group(1, &work.list, &[]);
         for (i, &(bind_group, offset)) in geometry.iter().enumerate() {
-            if work.chunks.counts[i] > 0 {
+            if work.chunks.counts[i] > 0 && !targets.window().is_part {
                 pass.set_bind_group(0, bind_group, &[offset]);
                 pass.draw_indirect(&self.draws, 16 * i as u64);
             }
