@@ -15,6 +15,7 @@ pub mod camera;
 pub mod casters;
 mod edges;
 mod error;
+pub mod figure;
 pub mod frame;
 pub mod framing;
 mod gpu;

@@ -3,6 +3,7 @@
 mod build;
 mod documents;
 mod dust;
+mod figures;
 mod format;
 mod network;
 mod pictures;

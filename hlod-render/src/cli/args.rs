@@ -10,6 +10,8 @@ use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
 use hlod_render::scene::{CASTER_THRESHOLD_PX, Light, Paint, Representation, Shadow};
 use hlod_render::{AdapterChoice, Gpu, ModelLimits, RenderError};
 
+use super::figure::{FigureArgs, LightDomeArgs, PlateArgs, TurntableArgs};
+
 /// Show .hlod files, measure how fast and check how truthfully.
 #[derive(Parser)]
 #[command(name = "hlod-render", version, max_term_width = 100)]
@@ -46,8 +48,15 @@ pub enum Command {
     /// Open a window on a statue; F1 there shows what keys and the mouse do.
     #[cfg(feature = "viewer")]
     View(ViewArgs),
-    /// Write a picture to a PNG file.
+    /// Write a picture to a PNG or TIFF file, of any size, and to scale if that is asked for.
     Shot(ShotArgs),
+    /// Lay out views at one scale on a page: front, left, back, right and top, as drawings are.
+    Plate(PlateArgs),
+    /// Write pictures from all round to a folder.
+    Turntable(TurntableArgs),
+    /// Write pictures of one view under many lights to a folder, with their list (.lp), for relighting
+    /// and photometric stereo.
+    LightDome(LightDomeArgs),
     /// Measure frame rates along a recorded camera path.
     Bench(BenchArgs),
     /// Compare policies of loading along a camera path, without drawing: a link of a given bandwidth
@@ -65,6 +74,13 @@ pub struct JsonArgs {
     pub json: Option<Option<PathBuf>>,
 }
 
+impl DrawArgs {
+    /// The picture's size where nothing else decides it.
+    pub fn size(&self) -> (u32, u32) {
+        self.size.unwrap_or((640, 480))
+    }
+}
+
 /// How precisely statues are drawn.
 #[derive(Args)]
 pub struct PrecisionArgs {
@@ -79,9 +95,9 @@ pub struct PrecisionArgs {
 /// What every picture needs.
 #[derive(Args)]
 pub struct DrawArgs {
-    /// Picture size in pixels.
-    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = size)]
-    pub size: (u32, u32),
+    /// Picture size in pixels [default: 640x480; with --scale as large as the statue needs].
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub size: Option<(u32, u32)>,
     #[command(flatten)]
     pub precision: PrecisionArgs,
     /// Leave small triangles to the adapter's rasteriser, too, instead of compute.
@@ -232,7 +248,7 @@ impl MemoryArgs {
 pub struct ShotArgs {
     /// The .hlod file, or its address on a web server.
     pub file: PathBuf,
-    /// The PNG file to write; an existing one is replaced.
+    /// The PNG or TIFF file (.tif) to write; an existing one is replaced.
     #[arg(long, short)]
     pub output: PathBuf,
     /// front, back, left, right, top, bottom, three-quarter; or RIGHT,UP,FRONT of the eye and,
@@ -248,6 +264,8 @@ pub struct ShotArgs {
     /// Average N × N samples a pixel, for smooth edges.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub supersampling: u32,
+    #[command(flatten)]
+    pub figure: FigureArgs,
     #[command(flatten)]
     pub json: JsonArgs,
 }
@@ -327,7 +345,7 @@ pub struct AuditArgs {
     pub json: JsonArgs,
 }
 
-fn size(text: &str) -> Result<(u32, u32), String> {
+pub fn size(text: &str) -> Result<(u32, u32), String> {
     let parsed = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
     match parsed {
         Some((w, h)) if (1..=65_536).contains(&w) && (1..=65_536).contains(&h) => Ok((w, h)),
@@ -335,7 +353,7 @@ fn size(text: &str) -> Result<(u32, u32), String> {
     }
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+pub fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
         _ => Err("expected a positive number".into()),
@@ -383,7 +401,7 @@ fn bytes(text: &str) -> Result<u64, String> {
 /// Some finite numbers with commas between them.
 pub type Numbers = Vec<f64>;
 
-fn numbers<const LEAST: usize, const MOST: usize>(text: &str) -> Result<Numbers, String> {
+pub fn numbers<const LEAST: usize, const MOST: usize>(text: &str) -> Result<Numbers, String> {
     let parsed: Option<Numbers> =
         text.split(',').map(|n| n.trim().parse::<f64>().ok().filter(|v| v.is_finite())).collect();
     parsed.filter(|n| (LEAST..=MOST).contains(&n.len())).ok_or_else(|| {

@@ -1,6 +1,7 @@
 //! The program: raw flags → validated options → library calls → pictures, tables or JSON.
 
 pub mod args;
+mod figure;
 mod outcome;
 mod tables;
 
@@ -16,13 +17,12 @@ use hlod_render::bench::{BenchOptions, bench};
 use hlod_render::camera::Camera;
 use hlod_render::framing::{FOV_Y_DEG, Framing};
 use hlod_render::path::CameraPath;
-use hlod_render::picture::take;
 use hlod_render::scene::{BACKGROUND, EXACT_THRESHOLDS_PX, Material, Paint, Shot};
 use hlod_render::select::Selection;
 use hlod_render::simulate::{Policy, SimulationOptions, simulate};
 use hlod_render::{Gpu, Model, ModelLimits};
 
-use args::{AuditArgs, BenchArgs, Cli, Command, DrawArgs, JsonArgs, ShotArgs, SimulateArgs};
+use args::{AuditArgs, BenchArgs, Cli, Command, DrawArgs, JsonArgs, SimulateArgs};
 pub use outcome::Failure;
 use outcome::Outcome;
 
@@ -30,7 +30,10 @@ pub fn run(cli: &Cli) -> Outcome {
     match &cli.command {
         #[cfg(feature = "viewer")]
         Command::View(args) => run_view(cli, args),
-        Command::Shot(args) => run_shot(cli, args),
+        Command::Shot(args) => figure::run_shot(cli, args),
+        Command::Plate(args) => figure::run_plate(cli, args),
+        Command::Turntable(args) => figure::run_turntable(cli, args),
+        Command::LightDome(args) => figure::run_light_dome(cli, args),
         Command::Bench(args) => run_bench(cli, args),
         Command::Simulate(args) => run_simulate(cli, args),
         Command::Audit(args) => run_audit(cli, args),
@@ -60,35 +63,11 @@ fn run_view(cli: &Cli, args: &args::ViewArgs) -> Outcome {
     Ok(())
 }
 
-fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
-    let gpu = cli.gpu(&args.draw)?;
-    let mut models = [open(&gpu, &args.file, &args.draw)?];
-    let framing = Framing::of(&models[0]);
-    let (width, height) = args.draw.size;
-    let aspect = f64::from(width) / f64::from(height);
-    let camera = args::camera(&args.camera, &framing, aspect).map_err(Failure::Usage)?;
-    let mut shot = shot(&args.draw, camera, &framing)?;
-    shot.paint = args.paint.paint();
-    let (picture, stats) = take(&gpu, &mut models, &shot, width, height, args.supersampling)?;
-    let problems = models[0].take_problems();
-    picture.save(&args.output)?;
-    for problem in &problems {
-        eprintln!("hlod-render: {problem}; its ancestor is drawn in its place");
-    }
-    let result = serde_json::json!({
-        "output": args.output, "adapter": gpu.describe(), "width": width, "height": height,
-        "tau_px": shot.error_threshold_px, "triangles": stats.triangles, "points": stats.points,
-        "nodes": stats.nodes, "shadow": shot.shadow.name(), "caster_triangles": stats.caster_triangles,
-        "caster_nodes": stats.caster_nodes, "problems": problems,
-    });
-    print(&args.json, &result, || tables::shot(&args.output, &stats, &gpu))
-}
-
 fn run_bench(cli: &Cli, args: &BenchArgs) -> Outcome {
     let gpu = cli.gpu(&args.draw)?;
     let path = CameraPath::load(&args.path)?;
     let options = BenchOptions {
-        size: args.draw.size,
+        size: args.draw.size(),
         frames: args.frames,
         cold: args.cold,
         limits: args.memory.limits(),
@@ -137,7 +116,7 @@ fn run_audit(cli: &Cli, args: &AuditArgs) -> Outcome {
         return Err(Failure::Usage("audit: --light takes AZIMUTH,ELEVATION".into()));
     };
     let options = AuditOptions {
-        size: args.draw.size,
+        size: args.draw.size(),
         views: args.views,
         path: args.path.as_deref().map(CameraPath::load).transpose()?,
         light: (azimuth, elevation),

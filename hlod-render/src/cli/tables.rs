@@ -7,7 +7,8 @@ use hlod_render::Gpu;
 use hlod_render::audit::AuditReport;
 use hlod_render::audit::shadows::EdgeDistance;
 use hlod_render::bench::BenchReport;
-use hlod_render::frame::FrameStats;
+use hlod_render::figure::scale::Scale;
+use hlod_render::figure::{Drawn, Sheet};
 use hlod_render::simulate::SimulationReport;
 
 fn table(rows: &[(&str, String)]) -> String {
@@ -22,7 +23,7 @@ fn table(rows: &[(&str, String)]) -> String {
     table.to_string()
 }
 
-pub fn shot(output: &Path, stats: &FrameStats, gpu: &Gpu) -> String {
+pub fn shot(output: &Path, stats: &Drawn, gpu: &Gpu) -> String {
     let primitives = match (stats.triangles, stats.points) {
         (triangles, 0) => format!("{triangles} triangles"),
         (0, points) => format!("{points} points"),
@@ -30,6 +31,25 @@ pub fn shot(output: &Path, stats: &FrameStats, gpu: &Gpu) -> String {
     };
     let (nodes, adapter) = (stats.nodes, gpu.describe());
     format!("{}: {primitives} of {nodes} nodes, drawn by {adapter}", output.display())
+}
+
+pub fn plate(output: &Path, sheet: &Sheet, scale: &Scale, gpu: &Gpu) -> String {
+    let mm = |px: u32| f64::from(px) * scale.pixel_on_paper_mm();
+    format!(
+        "{}: {} at {} dpi, {:.0} × {:.0} mm of paper, {} × {} pixels, drawn by {}",
+        output.display(),
+        scale.name(),
+        scale.dpi,
+        mm(sheet.width),
+        mm(sheet.height),
+        sheet.width,
+        sheet.height,
+        gpu.describe()
+    )
+}
+
+pub fn series(output: &Path, count: usize, gpu: &Gpu) -> String {
+    format!("{}: {count} pictures, drawn by {}", output.display(), gpu.describe())
 }
 
 pub fn bench(r: &BenchReport) -> String {

@@ -1,0 +1,473 @@
+//! Commands that make figures: shot, plate, turntable, light-dome.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use hlod_compress::Unit;
+use hlod_render::camera::{Camera, Projection};
+use hlod_render::figure::plate::{Plate, Side};
+use hlod_render::figure::scale::{Scale, millimetres, parse_dpi, parse_reduction, unit_of};
+use hlod_render::figure::{
+    Drawn, Font, Provenance, ScaleBar, Series, Sheet, bar_for_plane, check_folder, check_output,
+    command_line, extent, fitting, light_dome, orthographic, save, turntable,
+};
+use hlod_render::framing::Framing;
+use hlod_render::scene::Shot;
+use hlod_render::{Gpu, Model};
+
+use super::args::{self, Cli, DrawArgs, JsonArgs, ShotArgs};
+use super::{Failure, Outcome, open, print, progress_bar, shot, tables};
+
+/// Of lines of text in a picture whose resolution on paper nobody said: a share of its height.
+const TEXT_SHARE: f64 = 1.0 / 36.0;
+/// Of lines of text on paper, mm: 10 points.
+const TEXT_MM: f64 = 3.5;
+
+/// Pictures for print.
+#[derive(Args)]
+pub struct FigureArgs {
+    /// Parallel projection: nothing is smaller for being farther away.
+    #[arg(long)]
+    pub ortho: bool,
+    /// Length on paper : length of the statue, as in 1:5; needs --ortho.
+    #[arg(long, value_name = "P:S", value_parser = parse_reduction, requires = "ortho")]
+    pub scale: Option<f64>,
+    /// Pixels in an inch of paper, which the file says too [default with --scale: 300].
+    #[arg(long, value_name = "DPI", value_parser = parse_dpi)]
+    pub dpi: Option<f64>,
+    /// Unit of the scan's coordinates, where the file does not say it.
+    #[arg(long, value_name = "UNIT", value_parser = unit)]
+    pub unit: Option<Unit>,
+    /// Leave the background transparent.
+    #[arg(long)]
+    pub transparent: bool,
+    /// Draw a bar of a round length at the lower left.
+    #[arg(long)]
+    pub scale_bar: bool,
+    /// A line of text at the lower left.
+    #[arg(long, value_name = "TEXT")]
+    pub caption: Option<String>,
+}
+
+#[derive(Args)]
+pub struct PlateArgs {
+    /// The .hlod file, or its address on a web server.
+    pub file: PathBuf,
+    /// The PNG or TIFF file (.tif) to write; an existing one is replaced.
+    #[arg(long, short)]
+    pub output: PathBuf,
+    /// Length on paper : length of the statue, as in 1:5.
+    #[arg(long, value_name = "P:S", value_parser = parse_reduction)]
+    pub scale: f64,
+    /// Pixels in an inch of paper.
+    #[arg(long, value_name = "DPI", value_parser = parse_dpi, default_value = "300")]
+    pub dpi: f64,
+    /// Which views: some of front,left,back,right,top,bottom. Where they lie is as drawings have it.
+    #[arg(long, value_name = "VIEWS", default_value = "front,left,back,right,top")]
+    pub views: String,
+    /// Unit of the scan's coordinates, where the file does not say it.
+    #[arg(long, value_name = "UNIT", value_parser = unit)]
+    pub unit: Option<Unit>,
+    /// Title below the views [default: the file's name].
+    #[arg(long)]
+    pub title: Option<String>,
+    /// No white paper.
+    #[arg(long)]
+    pub transparent: bool,
+    #[command(flatten)]
+    pub precision: args::PrecisionArgs,
+    /// Shadows, as of shot.
+    #[arg(long, value_enum, default_value = "none")]
+    pub shadow: args::ShadowArg,
+    /// Average N × N samples a pixel, for smooth edges.
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=8))]
+    pub supersampling: u32,
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+#[derive(Args)]
+pub struct TurntableArgs {
+    /// The .hlod file, or its address on a web server.
+    pub file: PathBuf,
+    /// The folder to write; there must not be any yet, or an empty one.
+    #[arg(long, short)]
+    pub output: PathBuf,
+    /// How many pictures for one turn.
+    #[arg(long, default_value_t = 36, value_parser = clap::value_parser!(u32).range(1..=9999))]
+    pub frames: u32,
+    /// How far above the horizon the camera is, in degrees.
+    #[arg(long, value_name = "DEG", default_value_t = 10.0, value_parser = elevation, allow_hyphen_values = true)]
+    pub elevation: f64,
+    /// Parallel projection, at one scale.
+    #[arg(long)]
+    pub ortho: bool,
+    /// Leave the background transparent.
+    #[arg(long)]
+    pub transparent: bool,
+    #[command(flatten)]
+    pub draw: DrawArgs,
+    /// Average N × N samples a pixel, for smooth edges.
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=8))]
+    pub supersampling: u32,
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+#[derive(Args)]
+#[command(after_help = "\
+The lights are parallel, evenly spread over the hemisphere before the camera on a Fibonacci spiral, and \
+replace --light. Pictures are of Lambert's law alone, without highlights and ambient light, whatever shot \
+shows, and coded by the sRGB curve: undo it before values are compared. light-dome.lp has the number of \
+pictures, then for each its name and the light's unit vector: x right, y up, z towards the viewer.")]
+pub struct LightDomeArgs {
+    /// The .hlod file, or its address on a web server.
+    pub file: PathBuf,
+    /// The folder to write; there must not be any yet, or an empty one.
+    #[arg(long, short)]
+    pub output: PathBuf,
+    /// How many lights.
+    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=9999))]
+    pub lights: u32,
+    /// From where, as of shot.
+    #[arg(long, default_value = "front", allow_hyphen_values = true)]
+    pub camera: String,
+    /// Parallel projection.
+    #[arg(long)]
+    pub ortho: bool,
+    #[command(flatten)]
+    pub draw: DrawArgs,
+    /// Average N × N samples a pixel, for smooth edges.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
+    pub supersampling: u32,
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+fn unit(text: &str) -> Result<Unit, String> {
+    text.parse()
+}
+
+fn elevation(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (-85.0..=85.0).contains(&value) => Ok(value),
+        _ => Err("expected -85 to 85 degrees".into()),
+    }
+}
+
+/// A model that is open, and what is needed to draw it.
+struct Opened {
+    gpu: Gpu,
+    models: [Model; 1],
+    framing: Framing,
+    provenance: Provenance,
+}
+
+fn open_model(cli: &Cli, file: &Path, draw: &DrawArgs) -> Result<Opened, Failure> {
+    let gpu = cli.gpu(draw)?;
+    let model = open(&gpu, file, draw)?;
+    let framing = Framing::of(&model);
+    let arguments: Vec<_> = std::env::args_os().collect();
+    let command = command_line(arguments.iter().map(|a| a.as_os_str()));
+    let provenance = Provenance::new(file, model.header(), &command);
+    Ok(Opened { gpu, models: [model], framing, provenance })
+}
+
+impl Opened {
+    /// What went wrong in the background.
+    fn problems(&mut self) -> Vec<String> {
+        let problems = self.models[0].take_problems();
+        for problem in &problems {
+            eprintln!("hlod-render: {problem}; its ancestor is drawn in its place");
+        }
+        problems
+    }
+}
+
+pub fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
+    check_output(&args.output)?;
+    let mut opened = open_model(cli, &args.file, &args.draw)?;
+    let figure = &args.figure;
+    let dpi = figure.dpi.or(figure.scale.map(|_| 300.0));
+    let unit = unit_of(opened.models[0].header().unit, figure.unit)?;
+    let scale = figure.scale.zip(dpi).map(|(reduction, dpi)| Scale { reduction, dpi });
+    let (camera, (width, height)) = shot_camera(args, &opened.framing, scale, unit)?;
+    let mut shot = shot(&args.draw, camera, &opened.framing)?;
+    shot.paint = args.paint.paint();
+    let mut sheet = Sheet::of(&shot, width, height);
+    sheet.transparent = figure.transparent;
+    sheet.supersampling = args.supersampling;
+    sheet.check()?;
+    annotate(&mut sheet, figure, &shot, &opened.framing, unit, dpi)?;
+    let provenance = &mut opened.provenance;
+    if let Some(scale) = scale {
+        provenance.add("scale", &format!("{} at {} dpi", scale.name(), scale.dpi));
+    }
+    provenance.add_shot(&shot, &opened.framing, unit);
+    let drawn = save_sheet(cli, &mut opened, &sheet, &args.output, dpi)?;
+    let problems = opened.problems();
+    let gpu = &opened.gpu;
+    let result = serde_json::json!({
+        "output": args.output, "adapter": gpu.describe(), "width": width, "height": height,
+        "tau_px": shot.error_threshold_px, "triangles": drawn.triangles, "points": drawn.points,
+        "nodes": drawn.nodes, "shadow": shot.shadow.name(), "caster_triangles": drawn.caster_triangles,
+        "caster_nodes": drawn.caster_nodes, "problems": problems, "parts": drawn.parts,
+        "unit": unit.name(), "scale": scale.map(|s| s.name()), "dpi": dpi,
+        "pixel_mm": pixel_mm(&shot.camera, height, unit),
+    });
+    print(&args.json, &result, || tables::shot(&args.output, &drawn, gpu))
+}
+
+/// Length of a pixel on the statue in mm; of parallel views in a known unit.
+fn pixel_mm(camera: &Camera, height: u32, unit: Unit) -> Option<f64> {
+    match camera.projection {
+        Projection::Orthographic { height: length } => {
+            Some(length / f64::from(height) * millimetres(unit)?)
+        }
+        Projection::Perspective { .. } => None,
+    }
+}
+
+/// The camera and the picture's size.
+fn shot_camera(
+    args: &ShotArgs,
+    framing: &Framing,
+    scale: Option<Scale>,
+    unit: Unit,
+) -> Result<(Camera, (u32, u32)), Failure> {
+    let size = args.draw.size();
+    let aspect = f64::from(size.0) / f64::from(size.1);
+    let camera = args::camera(&args.camera, framing, aspect).map_err(Failure::Usage)?;
+    if !args.figure.ortho {
+        return Ok((camera, size));
+    }
+    let Some(scale) = scale else { return Ok((fitting(framing, &camera, aspect), size)) };
+    let pixel = scale.pixel_in(unit)?;
+    let (width, height) = match args.draw.size {
+        Some(size) => size,
+        None => {
+            let px = extent(framing, &camera) / pixel;
+            // 4 % and some pixels stay free, and what is written below needs its own room.
+            let room = |px: f64| (px * 1.04 + 16.0).ceil().min(f64::from(u32::MAX)) as u32;
+            (room(px.x), room(px.y))
+        }
+    };
+    let height_units = f64::from(height) * pixel;
+    let mut parallel = orthographic(framing, camera.axes()[2], camera.up, height_units);
+    if args.draw.size.is_some() {
+        // Where it looks is the middle of the picture.
+        let moved = camera.target - parallel.target;
+        parallel.eye += moved;
+        parallel.target += moved;
+    }
+    Ok((parallel, (width, height)))
+}
+
+/// Bar and caption at the lower left.
+fn annotate(
+    sheet: &mut Sheet,
+    figure: &FigureArgs,
+    shot: &Shot,
+    framing: &Framing,
+    unit: Unit,
+    dpi: Option<f64>,
+) -> Outcome {
+    let of_paper = figure.scale.and(dpi).map(|dpi| TEXT_MM / 25.4 * dpi);
+    let text_px = of_paper.unwrap_or((f64::from(sheet.height) * TEXT_SHARE).max(12.0)).round();
+    let text_px = text_px.clamp(8.0, 2000.0);
+    // Black on what is light, white on what is dark; nobody knows what is behind what is transparent.
+    let is_dark =
+        !sheet.transparent && sheet.paper.iter().map(|c| u32::from(*c)).sum::<u32>() < 384;
+    let ink = if is_dark { [255; 3] } else { [0; 3] };
+    let margin = (text_px * 0.8) as u32;
+    let mut y = sheet.height.saturating_sub(margin);
+    let font = Font::new()?;
+    if let Some(caption) = &figure.caption {
+        let room = sheet.width.saturating_sub(2 * margin);
+        let text = font.fitted(caption, text_px, room);
+        y = y.saturating_sub((text_px * 1.2) as u32);
+        sheet.marks.push(font.line(&text, (margin.into(), y.into()), text_px, ink));
+    }
+    if figure.scale_bar {
+        let (pixel, place) = bar_for_plane(&shot.camera, framing, sheet.height);
+        let bar = ScaleBar::new(pixel, unit, sheet.width / 3, place).ok_or_else(|| {
+            Failure::Usage("--scale-bar: the centre of the statue's bounds is not in view".into())
+        })?;
+        sheet.marks.extend(bar.marks(&font, (margin.into(), y.into()), text_px, ink));
+    }
+    Ok(())
+}
+
+/// Draws a page into a file and shows how far it is.
+fn save_sheet(
+    cli: &Cli,
+    opened: &mut Opened,
+    sheet: &Sheet,
+    output: &Path,
+    dpi: Option<f64>,
+) -> Result<Drawn, Failure> {
+    let bar = progress_bar(cli.quiet, u64::from(sheet.height), "rows");
+    let mut progress = |done: u32, _: u32| bar.set_position(done.into());
+    let about = (&opened.provenance, dpi);
+    let drawn = save(sheet, &opened.gpu, &mut opened.models, output, about, &mut progress);
+    bar.finish_and_clear();
+    Ok(drawn?)
+}
+
+pub fn run_plate(cli: &Cli, args: &PlateArgs) -> Outcome {
+    check_output(&args.output)?;
+    let sides =
+        Side::parse_list(&args.views).map_err(|e| Failure::Usage(format!("--views: {e}")))?;
+    let draw = DrawArgs {
+        size: None,
+        precision: args::PrecisionArgs {
+            tau: args.precision.tau,
+            representation: args.precision.representation,
+        },
+        fixed_function: false,
+        shadow: args.shadow,
+        light_size: None,
+        caster_tau: hlod_render::scene::CASTER_THRESHOLD_PX,
+        shadow_exact: false,
+        light: vec![-45.0, 30.0],
+    };
+    let mut opened = open_model(cli, &args.file, &draw)?;
+    let unit = unit_of(opened.models[0].header().unit, args.unit)?;
+    let scale = Scale { reduction: args.scale, dpi: args.dpi };
+    let title = args.title.clone().unwrap_or_else(|| opened.provenance.title.clone());
+    let supersampling = args.supersampling;
+    let transparent = args.transparent;
+    let plate = Plate { sides, scale, unit, title, transparent, supersampling };
+    let front = opened.framing.fitting([0.0, 0.0, 1.0], 1.0, 35.0);
+    let shot = shot(&draw, front, &opened.framing)?;
+    let (sheet, laid) = plate.lay_out(&opened.framing, &shot)?;
+    let provenance = &mut opened.provenance;
+    let views: Vec<&str> = laid.iter().map(|l| l.side.name()).collect();
+    provenance.add("scale", &format!("{} at {} dpi", scale.name(), scale.dpi));
+    provenance.add("unit", unit.name());
+    provenance.add("views", &format!("{}, in parallel projection", views.join(", ")));
+    provenance.add("light", "parallel, from the upper left of each view, 45° to the line of sight");
+    provenance.add("shadows", shot.shadow.name());
+    provenance.add("representation", shot.representation.name());
+    provenance.add("tau", &format!("{} px", shot.error_threshold_px));
+    let drawn = save_sheet(cli, &mut opened, &sheet, &args.output, Some(args.dpi))?;
+    let problems = opened.problems();
+    let placed = |l: &hlod_render::figure::plate::Laid| {
+        let v = &l.view;
+        serde_json::json!({
+            "view": l.side.name(), "x": v.x, "y": v.y, "width": v.width, "height": v.height,
+        })
+    };
+    let views: Vec<_> = laid.iter().map(placed).collect();
+    let result = serde_json::json!({
+        "output": args.output, "adapter": opened.gpu.describe(), "width": sheet.width,
+        "height": sheet.height, "scale": scale.name(), "dpi": args.dpi, "unit": unit.name(),
+        "pixel_mm": scale.pixel_mm(), "tau_px": shot.error_threshold_px, "views": views,
+        "triangles": drawn.triangles, "points": drawn.points, "nodes": drawn.nodes,
+        "parts": drawn.parts, "problems": problems,
+    });
+    print(&args.json, &result, || tables::plate(&args.output, &sheet, &scale, &opened.gpu))
+}
+
+pub fn run_turntable(cli: &Cli, args: &TurntableArgs) -> Outcome {
+    check_folder(&args.output)?;
+    let mut opened = open_model(cli, &args.file, &args.draw)?;
+    let (width, height) = args.draw.size();
+    let aspect = f64::from(width) / f64::from(height);
+    let cameras = match args.ortho {
+        true => turntable::parallel_cameras,
+        false => turntable::cameras,
+    };
+    let cameras = cameras(&opened.framing, args.frames, args.elevation, aspect);
+    let mut shots = Vec::new();
+    for camera in cameras {
+        shots.push(shot(&args.draw, camera, &opened.framing)?);
+    }
+    let unit = opened.models[0].header().unit;
+    let style = Style { width, height, supersampling: args.supersampling, unit };
+    let digits = args.frames.to_string().len().max(3);
+    let name = |i: usize| format!("frame-{i:0digits$}.png");
+    let change = |sheet: &mut Sheet| sheet.transparent = args.transparent;
+    let series = Series::begin(&args.output)?;
+    draw_series(cli, &mut opened, &series, &shots, &style, (&name, &change))?;
+    series.finish()?;
+    finish_series(&mut opened, &args.json, &args.output, &shots, &style)
+}
+
+pub fn run_light_dome(cli: &Cli, args: &LightDomeArgs) -> Outcome {
+    check_folder(&args.output)?;
+    let mut opened = open_model(cli, &args.file, &args.draw)?;
+    let (width, height) = args.draw.size();
+    let aspect = f64::from(width) / f64::from(height);
+    let mut camera = args::camera(&args.camera, &opened.framing, aspect).map_err(Failure::Usage)?;
+    if args.ortho {
+        camera = fitting(&opened.framing, &camera, aspect);
+    }
+    let plain = shot(&args.draw, camera, &opened.framing)?;
+    let directions = light_dome::directions(args.lights);
+    let under = |d: &glam::DVec3| Shot {
+        light: light_dome::light(&camera, *d),
+        material: light_dome::material(&plain.material),
+        background: glam::Vec3::ZERO,
+        ..plain
+    };
+    let shots: Vec<Shot> = directions.iter().map(under).collect();
+    let unit = opened.models[0].header().unit;
+    let style = Style { width, height, supersampling: args.supersampling, unit };
+    let name = |i: usize| light_dome::picture_name(i as u32);
+    let series = Series::begin(&args.output)?;
+    draw_series(cli, &mut opened, &series, &shots, &style, (&name, &|_| {}))?;
+    series.write("light-dome.lp", &light_dome::list(&directions))?;
+    series.finish()?;
+    finish_series(&mut opened, &args.json, &args.output, &shots, &style)
+}
+
+/// What all pictures of a series have in common.
+struct Style {
+    width: u32,
+    height: u32,
+    supersampling: u32,
+    unit: Unit,
+}
+
+/// Names of pictures by their numbers, and what is to be changed on every page.
+type Naming<'a> = (&'a dyn Fn(usize) -> String, &'a dyn Fn(&mut Sheet));
+
+fn draw_series(
+    cli: &Cli,
+    opened: &mut Opened,
+    series: &Series,
+    shots: &[Shot],
+    style: &Style,
+    (name, change): Naming<'_>,
+) -> Outcome {
+    let bar = progress_bar(cli.quiet, shots.len() as u64, "pictures");
+    for (i, shot) in shots.iter().enumerate() {
+        let mut sheet = Sheet::of(shot, style.width, style.height);
+        sheet.supersampling = style.supersampling;
+        change(&mut sheet);
+        let mut provenance = opened.provenance.clone();
+        provenance.add("picture", &format!("{} of {}", i + 1, shots.len()));
+        provenance.add_shot(shot, &opened.framing, style.unit);
+        series.save(&name(i), &sheet, &opened.gpu, &mut opened.models, &provenance)?;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok(())
+}
+
+fn finish_series(
+    opened: &mut Opened,
+    json: &JsonArgs,
+    output: &Path,
+    shots: &[Shot],
+    style: &Style,
+) -> Outcome {
+    let problems = opened.problems();
+    let result = serde_json::json!({
+        "output": output, "adapter": opened.gpu.describe(), "pictures": shots.len(),
+        "width": style.width, "height": style.height, "problems": problems,
+    });
+    let count = shots.len();
+    print(json, &result, || tables::series(output, count, &opened.gpu))
+}
