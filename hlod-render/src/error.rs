@@ -61,6 +61,14 @@ pub enum RenderError {
         /// What went wrong.
         why: String,
     },
+    /// A section of a point cloud was asked for.
+    #[error(
+        "{path}: a point cloud has no surface to cut: make triangles of it first (Poisson reconstruction, as in MeshLab or CloudCompare), and build a file from these"
+    )]
+    NoSurface {
+        /// The file.
+        path: PathBuf,
+    },
     /// The command line asks for something that is not there.
     #[error("{0}")]
     Usage(String),

@@ -31,6 +31,7 @@ pub mod pick;
 pub mod picture;
 pub mod residency;
 pub mod scene;
+pub mod section;
 pub mod select;
 pub mod simulate;
 pub mod skeleton;

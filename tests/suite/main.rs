@@ -10,5 +10,6 @@ mod pictures;
 mod points;
 mod programs;
 mod restart;
+mod section;
 mod shadows;
 mod streaming;
