@@ -69,6 +69,14 @@ pub enum RenderError {
         /// The file.
         path: PathBuf,
     },
+    /// A drawing cannot be made.
+    #[error("cannot make {what}: {why}")]
+    Drawing {
+        /// What kind of file.
+        what: &'static str,
+        /// The reason.
+        why: String,
+    },
     /// The command line asks for something that is not there.
     #[error("{0}")]
     Usage(String),

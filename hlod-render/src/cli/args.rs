@@ -64,6 +64,8 @@ pub enum Command {
     Simulate(SimulateArgs),
     /// Compare what is drawn with the scan itself, pixel by pixel.
     Audit(AuditArgs),
+    /// Cut a statue with planes: outlines, their measures, drawings to scale.
+    Section(super::section::SectionArgs),
 }
 
 /// Where machine-readable results go.

@@ -3,6 +3,7 @@
 pub mod args;
 mod figure;
 mod outcome;
+pub mod section;
 mod tables;
 
 use std::io::Write;
@@ -37,6 +38,7 @@ pub fn run(cli: &Cli) -> Outcome {
         Command::Bench(args) => run_bench(cli, args),
         Command::Simulate(args) => run_simulate(cli, args),
         Command::Audit(args) => run_audit(cli, args),
+        Command::Section(args) => section::run(cli, args),
     }
 }
 

@@ -33,7 +33,7 @@ pub(super) fn chain(
     cutter: &Cutter<'_>,
     frame: &Frame,
     step: f64,
-    crossings: &mut Vec<Crossing>,
+    crossings: &mut [Crossing],
 ) -> Chains {
     crossings.sort_by(|a, b| {
         let values = |c: &Crossing| (c.steepness, c.error);

@@ -10,9 +10,17 @@
 //! ```
 
 mod chain;
+mod circle;
 mod crossing;
+mod csv;
+mod dxf;
+mod files;
 mod join;
+mod measure;
 mod plane;
+mod report;
+mod sheet;
+mod svg;
 mod trust;
 
 use glam::DVec3;
@@ -22,10 +30,15 @@ use crate::error::RenderError;
 use crate::leaves::{LeafRef, Leaves};
 
 use chain::{Chains, chain};
+pub use circle::{Circle, NoCircle};
 use crossing::{Crossing, Cutter};
+pub use files::write_whole;
 pub use join::JOIN_STEPS;
+pub use measure::Measures;
 pub use plane::{Frame, Plane};
-pub use trust::Trust;
+pub use report::{CircleReport, LineReport, ScanReport, SectionReport, SheetReport};
+pub use sheet::{Layer, Provenance, Sheet};
+pub use trust::{GRAZING_DEG, Trust};
 
 /// Where a plane meets a scan.
 #[derive(Debug, Clone, PartialEq)]
@@ -110,17 +123,6 @@ pub fn cut(
         leaves: wanted.len(),
         triangles: crossings.len(),
     })
-}
-
-impl Line {
-    /// Its length in the source's unit.
-    pub fn length(&self) -> f64 {
-        let open: f64 = self.points.windows(2).map(|pair| pair[0].distance(pair[1])).sum();
-        match (self.closed, self.points.first(), self.points.last()) {
-            (true, Some(first), Some(last)) => open + last.distance(*first),
-            _ => open,
-        }
-    }
 }
 
 /// Lines with their canonical starts, the longest first.

@@ -61,8 +61,9 @@ impl Plane {
         let area = (b - a).cross(c - a);
         let longest =
             [b - a, c - a, c - b].map(|e| e.length_squared()).into_iter().fold(0.0, f64::max);
-        // Also where something is NaN.
-        if !(area.length() > COLLINEAR * longest) {
+        let height = area.length() / longest;
+        // NaN where they are one point.
+        if height.is_nan() || height <= COLLINEAR {
             let why = "a plane through three points: they lie on a line";
             return Err(RenderError::Usage(why.into()));
         }

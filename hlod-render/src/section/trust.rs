@@ -50,7 +50,7 @@ impl Trust {
             file_bound: crossings.iter().map(|c| c.error).fold(0.0, f64::max),
             outline_bound_50: quantile(&pieces, 0.5 * length),
             outline_bound_95: quantile(&pieces, 0.95 * length),
-            grazing: if length > 0.0 { unbounded / length } else { 0.0 },
+            grazing: if unbounded > 0.0 { unbounded / length } else { 0.0 },
         }
     }
 }

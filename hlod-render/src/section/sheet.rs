@@ -1,0 +1,160 @@
+//! A sheet with the sections of some planes on it: what drawings and tables are made from.
+
+use std::path::Path;
+
+use glam::DVec2;
+use hlod_compress::{Header, Unit};
+
+use super::{Plane, Section};
+use crate::error::RenderError;
+
+/// Sections with what must be said about them, for files that leave the program.
+#[derive(Debug, Clone)]
+pub struct Sheet {
+    /// Where the sections come from.
+    pub provenance: Provenance,
+    /// Unit of all lengths; of the file, or as declared instead.
+    pub unit: Unit,
+    /// The sections.
+    pub layers: Vec<Layer>,
+}
+
+/// What a section was made of.
+#[derive(Debug, Clone)]
+pub struct Provenance {
+    /// Name of the file without folders, or its address.
+    pub file: String,
+    /// Names and SHA-256 of the scans that the file was built from.
+    pub scans: Vec<(String, String)>,
+    /// Unit that the file declares.
+    pub unit_of_file: Unit,
+    /// Program and version.
+    pub program: String,
+}
+
+/// One section on a sheet.
+#[derive(Debug, Clone)]
+pub struct Layer {
+    /// As `section-1`, or `section-1-4` where it is the fourth of several in parallel.
+    pub name: String,
+    /// The section.
+    pub section: Section,
+    /// Added to coordinates in its plane where it is drawn, in the sheet's unit: planes that are not
+    /// parallel lie side by side.
+    pub at: DVec2,
+}
+
+/// Space between planes that lie side by side, as a part of the wider one.
+const SPACE: f64 = 0.1;
+
+impl Sheet {
+    /// A sheet of a file's sections, each of `families` sections that are parallel. A `declared`
+    /// unit replaces the file's.
+    pub fn new(
+        path: &Path,
+        header: &Header,
+        declared: Option<Unit>,
+        families: Vec<Vec<Section>>,
+    ) -> Sheet {
+        let scans = header.sources.iter().map(|s| (s.base_name.clone(), hex(&s.sha256))).collect();
+        let file = match path.to_str() {
+            Some(address) if address.contains("://") => address.to_owned(),
+            _ => path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
+        };
+        let program = concat!("hlod-render ", env!("CARGO_PKG_VERSION")).to_owned();
+        let provenance = Provenance { file, scans, unit_of_file: header.unit, program };
+        let unit = declared.unwrap_or(header.unit);
+        Sheet { provenance, unit, layers: side_by_side(families) }
+    }
+
+    /// How many millimetres the unit has.
+    ///
+    /// # Errors
+    /// When nobody said what the unit is: a drawing would have to lie.
+    pub fn millimetres(&self) -> Result<f64, RenderError> {
+        millimetres(self.unit).ok_or_else(|| {
+            let file = &self.provenance.file;
+            RenderError::Usage(format!(
+                "{file}: its unit is unknown, so it cannot be drawn to scale: add --unit mm (or \
+                 cm, m, um, in) if you know it, or build the file again with --unit; --csv and \
+                 --json need none"
+            ))
+        })
+    }
+
+    /// Smallest and largest coordinates of all that is drawn, in the sheet's unit; `None` where
+    /// nothing is.
+    pub fn bounds(&self) -> Option<[DVec2; 2]> {
+        let bounds = |layer: &Layer| layer.section.bounds().map(|b| b.map(|q| q + layer.at));
+        self.layers.iter().filter_map(bounds).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+    }
+
+    /// What must be known of the sheet wherever it goes, a line each.
+    pub fn description(&self) -> Vec<String> {
+        let p = &self.provenance;
+        let mut lines = vec![format!("Plane sections of {} by {}", p.file, p.program)];
+        lines.extend(p.scans.iter().map(|(name, sha256)| format!("Scan {name}, SHA-256 {sha256}")));
+        lines.push(match self.unit == p.unit_of_file {
+            true => format!("Unit of the scan: {}", self.unit.name()),
+            false => {
+                let (unit, of_file) = (self.unit.name(), p.unit_of_file.name());
+                format!("Unit of the scan: {unit}, as declared for this section; its file says {of_file}")
+            }
+        });
+        lines.extend(self.layers.iter().map(|layer| {
+            let Plane { normal: n, offset } = layer.section.plane;
+            let unit = self.unit_suffix();
+            format!("{}: {} x + {} y + {} z = {}{unit}", layer.name, n.x, n.y, n.z, offset)
+        }));
+        lines
+    }
+
+    /// The unit behind numbers: a space and its abbreviation, or nothing where it is unknown.
+    pub fn unit_suffix(&self) -> String {
+        match self.unit {
+            Unit::Unknown => String::new(),
+            unit => format!(" {}", unit.name()),
+        }
+    }
+}
+
+/// Millimetres in a unit, if it is known.
+fn millimetres(unit: Unit) -> Option<f64> {
+    match unit {
+        Unit::Micrometre => Some(1e-3),
+        Unit::Millimetre => Some(1.0),
+        Unit::Centimetre => Some(10.0),
+        Unit::Metre => Some(1e3),
+        Unit::Inch => Some(25.4),
+        _ => None,
+    }
+}
+
+/// Sections of one family on top of one another, families from left to right. The first keeps its
+/// plane's coordinates.
+fn side_by_side(families: Vec<Vec<Section>>) -> Vec<Layer> {
+    let mut layers = Vec::new();
+    let mut right: Option<(f64, f64)> = None;
+    for (i, family) in families.into_iter().enumerate() {
+        let bounds = family.iter().filter_map(Section::bounds);
+        let bounds = bounds.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+        let mut at = DVec2::ZERO;
+        if let Some([min, max]) = bounds {
+            let width = max.x - min.x;
+            if let Some((edge, wide)) = right {
+                at.x = edge + SPACE * wide.max(width) - min.x;
+            }
+            right = Some((max.x + at.x, width));
+        }
+        let several = family.len() > 1;
+        layers.extend(family.into_iter().enumerate().map(|(j, section)| {
+            let of_several = if several { format!("-{}", j + 1) } else { String::new() };
+            Layer { name: format!("section-{}{of_several}", i + 1), section, at }
+        }));
+    }
+    layers
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
