@@ -51,6 +51,7 @@ pub(super) fn chain(
         .map(|end| LooseEnd {
             end,
             edge: crossings[end / 2].edges[end % 2],
+            cell_units: crossings[end / 2].cell_units,
             point: points[end / 2][end % 2],
         })
         .collect();
@@ -161,12 +162,12 @@ fn meet_in_edges(
 fn pair_across_solid(ends: &mut Vec<usize>, partners: &mut [Option<usize>]) {
     let mut begun: Vec<usize> = Vec::new();
     // Twice round: a pair may lie across the direction that counting starts from.
-    for end in ends.iter().chain(ends.iter()).copied() {
+    for (i, end) in ends.iter().chain(ends.iter()).copied().enumerate() {
         if partners[end].is_some() {
             continue;
         }
         if end.is_multiple_of(2) {
-            if !begun.contains(&end) {
+            if i < ends.len() {
                 begun.push(end);
             }
         } else if let Some(beginning) = begun.pop() {

@@ -25,6 +25,8 @@ pub(super) struct Crossing {
     pub(super) steepness: f64,
     /// How far the triangle's leaf can be from the scan, in the source's unit.
     pub(super) error: f64,
+    /// Edge of the leaf's cell in lattice steps.
+    pub(super) cell_units: u32,
 }
 
 /// A plane on a file's lattice.
@@ -72,6 +74,7 @@ impl<'a> Cutter<'a> {
     pub(super) fn cut(&self, leaf: &Leaf) -> Vec<Crossing> {
         let mesh = &leaf.content.mesh;
         let above: Vec<bool> = mesh.positions.iter().map(|&p| self.height(p) >= 0.0).collect();
+        let cell_units = self.leaves.header().lattice.cell_units(leaf.at.cell.depth());
         let mut crossings = Vec::new();
         for t in &mesh.triangles {
             let sides = t.map(|v| above[v as usize]);
@@ -86,8 +89,8 @@ impl<'a> Cutter<'a> {
                 found.map(|i| edge(corners[i], corners[(i + 1) % 3]))
             };
             if let (Some(down), Some(up)) = (edge(true), edge(false)) {
-                let steepness = self.steepness(mesh, t);
-                crossings.push(Crossing { edges: [down, up], steepness, error: leaf.at.error });
+                let (steepness, error) = (self.steepness(mesh, t), leaf.at.error);
+                crossings.push(Crossing { edges: [down, up], steepness, error, cell_units });
             }
         }
         crossings

@@ -1,19 +1,20 @@
 //! Loose ends that belong together although their edges differ.
 //!
-//! Where a leaf meets finer ones, an edge of its border is one edge on its side and several on
+//! Where a leaf meets finer ones, an edge in their common face is one edge on its side and several on
 //! theirs, cut at faces that it does not have (T-junctions). Each of these cut points was rounded to
 //! the lattice, along the one axis that its two faces leave free: by half a step. Pieces that are
 //! cut again add another half each time, so the fine edges stay within a step or two of the coarse
-//! one, and the plane meets both, an odd number of times between the same two ends. The points
+//! one, and the plane meets both sides, an odd number of times between the same two ends. The points
 //! where it does are not farther apart than the edges are, over the sine of the angle at which they
-//! meet the plane. Ends are joined only where they can be such a pair.
+//! meet the plane. Ends are joined only where they can be such a pair: both edges lie in one
+//! face of both cells, and the shorter along the longer one. A scan's own borders hardly ever do.
 
 use glam::DVec3;
 
 use super::crossing::{Cutter, Edge};
 
-/// How far two edges may be apart to be the same border, in lattice steps: half a step for
-/// rounding at each of four cuts.
+/// How far two edges may be apart to be pieces of one, in lattice steps: half a step for the rounding
+/// at each of four cuts.
 pub const JOIN_STEPS: f64 = 2.0;
 
 /// How many of its neighbours along the sweep an end looks at: in what is not adversarial two ends
@@ -27,6 +28,8 @@ pub(super) struct LooseEnd {
     pub(super) end: usize,
     /// The edge that it is in.
     pub(super) edge: Edge,
+    /// Edge of its leaf's cell, in lattice steps.
+    pub(super) cell_units: u32,
     /// Where.
     pub(super) point: DVec3,
 }
@@ -35,8 +38,8 @@ pub(super) struct LooseEnd {
 /// unit. Those next to each other are joined first, those whose directions agree before all others.
 pub(super) fn join(cutter: &Cutter<'_>, step: f64, loose: &[LooseEnd]) -> Vec<(usize, usize, f64)> {
     let mut borders: Vec<Border> =
-        loose.iter().map(|end| Border::of(cutter, JOIN_STEPS * step, end)).collect();
-    let Some(axis) = widest_axis(loose) else { return Vec::new() };
+        loose.iter().filter_map(|end| Border::of(cutter, JOIN_STEPS * step, end)).collect();
+    let Some(axis) = widest_axis(&borders) else { return Vec::new() };
     borders.sort_by(|a, b| a.point[axis].total_cmp(&b.point[axis]).then_with(|| a.end.cmp(&b.end)));
     // Ends with a long reach look for those with a short one, on both sides.
     let mut pairs = Vec::new();
@@ -44,7 +47,7 @@ pub(super) fn join(cutter: &Cutter<'_>, step: f64, loose: &[LooseEnd]) -> Vec<(u
         let near = |other: &&Border| (other.point[axis] - border.point[axis]).abs() <= border.reach;
         let before = borders[..i].iter().rev().take(NEIGHBOURS).take_while(near);
         let behind = borders[i + 1..].iter().take(NEIGHBOURS).take_while(near);
-        for other in before.chain(behind).filter(|other| border.belongs(other)) {
+        for other in before.chain(behind).filter(|other| border.has_along(other)) {
             let agree = border.end % 2 != other.end % 2;
             let (a, b) = (border.end.min(other.end), border.end.max(other.end));
             pairs.push((!agree, border.point.distance(other.point), a, b));
@@ -64,14 +67,17 @@ pub(super) fn join(cutter: &Cutter<'_>, step: f64, loose: &[LooseEnd]) -> Vec<(u
     joined
 }
 
-/// A loose end with what its edge says about ends that could be the same border's.
+/// A loose end in a face of its cell, with what its edge says about others that could be the same
+/// edge's.
 struct Border {
     end: usize,
     point: DVec3,
-    /// The edge's first end and its unit direction.
-    start: DVec3,
-    direction: DVec3,
+    /// The faces that the edge lies in: where they are on each axis, in lattice steps.
+    faces: [Option<i32>; 3],
+    /// The edge's ends, its length and its direction.
+    ends: [DVec3; 2],
     length: f64,
+    direction: DVec3,
     /// How far two edges may be apart.
     apart: f64,
     /// How far from the point the edge is that near to the plane.
@@ -79,31 +85,46 @@ struct Border {
 }
 
 impl Border {
-    fn of(cutter: &Cutter<'_>, apart: f64, end: &LooseEnd) -> Border {
-        let [start, stop] = end.edge.map(|p| cutter.place(p));
-        let length = start.distance(stop);
-        let rise = (cutter.height(end.edge[1]) - cutter.height(end.edge[0])).abs();
+    /// `None` where the edge is in no face of the cell.
+    fn of(cutter: &Cutter<'_>, apart: f64, end: &LooseEnd) -> Option<Border> {
+        let [p, q] = end.edge;
+        let units = i64::from(end.cell_units.max(1));
+        let is_face = |axis: usize| p[axis] == q[axis] && i64::from(p[axis]) % units == 0;
+        let faces = [0, 1, 2].map(|axis| is_face(axis).then_some(p[axis]));
+        if faces == [None; 3] {
+            return None;
+        }
+        let ends = end.edge.map(|p| cutter.place(p));
+        let length = ends[0].distance(ends[1]);
+        let rise = (cutter.height(q) - cutter.height(p)).abs();
         let reach = (apart * length / rise).min(length).max(apart);
-        let direction = (stop - start) / length.max(f64::MIN_POSITIVE);
-        Border { end: end.end, point: end.point, start, direction, length, apart, reach }
+        let direction = (ends[1] - ends[0]) / length.max(f64::MIN_POSITIVE);
+        let (end, point) = (end.end, end.point);
+        Some(Border { end, point, faces, ends, length, direction, apart, reach })
     }
 
-    /// Whether another end can be in a piece of this one's edge, or both in pieces of one edge.
-    fn belongs(&self, other: &Border) -> bool {
-        if other.end == self.end ^ 1 || other.length > self.length {
+    /// Whether another end's edge can be a piece of this one's, or both pieces of one edge.
+    fn has_along(&self, other: &Border) -> bool {
+        let in_one_face =
+            (0..3).any(|i| self.faces[i].is_some() && self.faces[i] == other.faces[i]);
+        if !in_one_face || other.end == self.end ^ 1 || other.length > self.length {
             return false;
         }
-        let along = (other.point - self.start).dot(self.direction);
-        let foot = self.start + self.direction * along.clamp(-self.apart, self.length + self.apart);
-        foot.distance(other.point) <= self.apart && self.point.distance(other.point) <= self.reach
+        // The other piece may go on where this one ends.
+        let beyond = other.length + self.apart;
+        let is_along = |p: DVec3| {
+            let along = (p - self.ends[0]).dot(self.direction);
+            let foot = self.ends[0] + self.direction * along.clamp(-beyond, self.length + beyond);
+            foot.distance(p) <= self.apart
+        };
+        other.ends.into_iter().all(is_along) && self.point.distance(other.point) <= self.reach
     }
 }
 
 /// The axis along which ends are spread most; `None` without any.
-fn widest_axis(loose: &[LooseEnd]) -> Option<usize> {
-    let first = loose.first()?.point;
-    let (min, max) = loose
-        .iter()
-        .fold((first, first), |(min, max), end| (min.min(end.point), max.max(end.point)));
+fn widest_axis(borders: &[Border]) -> Option<usize> {
+    let first = borders.first()?.point;
+    let (min, max) =
+        borders.iter().fold((first, first), |(min, max), b| (min.min(b.point), max.max(b.point)));
     Some((max - min).max_position())
 }

@@ -137,3 +137,32 @@ impl Frame {
         self.origin + self.u * q.x + self.v * q.y
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn planes_are_what_they_were_made_from() {
+        let points =
+            [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, -1.0, 3.5), DVec3::new(0.0, 0.0, 9.0)];
+        let plane = Plane::through(points).unwrap();
+        assert!(points.iter().all(|p| plane.distance(*p).abs() < 1e-12));
+        // Seen from where they turn counter-clockwise.
+        let turn = (points[1] - points[0]).cross(points[2] - points[0]);
+        assert!(plane.normal.dot(turn) > 0.0);
+        let same = Plane::from_equation(plane.normal * 5.0, plane.offset * 5.0).unwrap();
+        assert!(points.iter().all(|p| same.distance(*p).abs() < 1e-12));
+        assert!((plane.moved(2.0).distance(points[0]) + 2.0).abs() < 1e-12);
+        assert!(Plane::through([points[0]; 3]).is_err());
+        assert!(Plane::through([points[0], points[1], points[0].lerp(points[1], 0.3)]).is_err());
+    }
+
+    #[test]
+    fn boxes_are_met_where_a_corner_is_on_the_other_side() {
+        let plane = Plane::at_point(DVec3::splat(0.9), DVec3::ONE).unwrap();
+        assert!(plane.meets(DVec3::ZERO, DVec3::ONE, 0.0));
+        assert!(!plane.meets(DVec3::ZERO, DVec3::splat(0.85), 0.0));
+        assert!(plane.meets(DVec3::ZERO, DVec3::splat(0.85), 0.1));
+    }
+}

@@ -9,44 +9,61 @@ use super::{Line, Section};
 
 /// A sheet as it is written to JSON. Lengths are in `unit`, areas in its square.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct SheetReport {
+    /// Name of the file, or its address.
     pub file: String,
+    /// The scans that it was built from.
     pub scans: Vec<ScanReport>,
+    /// Program and version.
     pub program: String,
+    /// Unit of all lengths.
     pub unit: &'static str,
+    /// Unit that the file declares.
     pub unit_of_file: &'static str,
+    /// The sections.
     pub sections: Vec<SectionReport>,
 }
 
 /// A scan that the file was built from.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct ScanReport {
+    /// Its name without folders.
     pub name: String,
+    /// Its checksum, hexadecimal.
     pub sha256: String,
 }
 
 /// One section. Two coordinates are those of its plane: `frame_u` times the first and `frame_v` times
 /// the second from `frame_origin` on.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct SectionReport {
+    /// Name of the layer in drawings and tables.
     pub layer: String,
+    /// Unit normal of the plane.
     pub normal: [f64; 3],
+    /// Distance of the plane from the origin along the normal.
     pub offset: f64,
+    /// Where coordinates in the plane count from.
     pub frame_origin: [f64; 3],
+    /// Unit vector to the right.
     pub frame_u: [f64; 3],
+    /// Unit vector up.
     pub frame_v: [f64; 3],
     /// Added to coordinates of the plane in drawings.
     pub drawn_at: [f64; 2],
+    /// Closed lines.
     pub closed: usize,
+    /// Lines that end.
     pub open: usize,
+    /// Length of all lines.
     pub length: f64,
+    /// What closed lines enclose, less hollows.
     pub area: f64,
     /// False where lines are open or run against their triangles: then `area` is not all.
     pub area_is_whole: bool,
+    /// Smallest and largest coordinates in the plane.
     pub bounds: Option<[[f64; 2]; 2]>,
+    /// The circle that all lines fit best.
     #[serde(flatten)]
     pub circle: CircleReport,
     /// No point of the file's surface here is farther from the scan: ε.
@@ -57,24 +74,32 @@ pub struct SectionReport {
     pub outline_bound_95: Option<f64>,
     /// Part of the length along which the surface is within 5° of the plane.
     pub grazing_share: f64,
-    /// Ends that were joined where leaves of different depth meet, and the widest gap.
+    /// Ends that were joined where leaves of different depth meet.
     pub joins: usize,
+    /// The widest gap that was closed so.
     pub widest_gap: f64,
+    /// Where lines meet.
     pub edges_of_more_than_two_triangles: usize,
     /// Length along which lines run against their triangles.
     pub contrary: f64,
+    /// Leaves that were read.
     pub leaves_read: usize,
+    /// Triangles that the plane crosses.
     pub triangles_cut: usize,
+    /// The lines, the longest first.
     pub lines: Vec<LineReport>,
 }
 
 /// One line.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct LineReport {
+    /// Whether the last point is joined to the first.
     pub closed: bool,
+    /// Its length.
     pub length: f64,
+    /// What it encloses, negative for a hollow; 0 where it is open.
     pub area: f64,
+    /// The circle that it fits best.
     #[serde(flatten)]
     pub circle: CircleReport,
     /// Source coordinates.
@@ -84,9 +109,19 @@ pub struct LineReport {
 /// A circle or why there is none.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(missing_docs)]
 pub enum CircleReport {
-    Circle { centre: [f64; 2], radius: f64, rms: f64, largest: f64 },
+    /// See [`Circle`].
+    Circle {
+        /// In the plane.
+        centre: [f64; 2],
+        /// Its radius.
+        radius: f64,
+        /// Root of the mean square of distances from it.
+        rms: f64,
+        /// The largest distance.
+        largest: f64,
+    },
+    /// Why there is none.
     NoCircle(String),
 }
 
