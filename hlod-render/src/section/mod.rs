@@ -7,6 +7,9 @@
 //!   │ join      where leaves of different depth meet
 //!   ▼ cut       lines, longest first
 //! trust     how far a line can be from the scan's own section
+//! measure   lengths, areas, circles of best fit
+//! sheet     several sections with what must be said about them
+//!   ▼ svg, dxf, csv, report
 //! ```
 
 mod chain;
