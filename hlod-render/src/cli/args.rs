@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::DVec3;
 
+use super::work::{MeasureArgs, NotesArgs};
 use hlod_render::camera::Camera;
 use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
 use hlod_render::scene::{CASTER_THRESHOLD_PX, Light, Paint, Representation, Shadow};
@@ -59,6 +60,10 @@ pub enum Command {
     LightDome(LightDomeArgs),
     /// Measure frame rates along a recorded camera path.
     Bench(BenchArgs),
+    /// Measure on the scan's own surface: between given points, or all that a session holds.
+    Measure(MeasureArgs),
+    /// List the notes of a session, or write them for other programs.
+    Notes(NotesArgs),
     /// Compare policies of loading along a camera path, without drawing: a link of a given bandwidth
     /// and latency, and what would have been seen.
     Simulate(SimulateArgs),

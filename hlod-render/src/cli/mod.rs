@@ -5,6 +5,7 @@ mod figure;
 mod outcome;
 pub mod section;
 mod tables;
+mod work;
 
 use std::io::Write;
 use std::path::Path;
@@ -36,6 +37,8 @@ pub fn run(cli: &Cli) -> Outcome {
         Command::Turntable(args) => figure::run_turntable(cli, args),
         Command::LightDome(args) => figure::run_light_dome(cli, args),
         Command::Bench(args) => run_bench(cli, args),
+        Command::Measure(args) => work::run_measure(args),
+        Command::Notes(args) => work::run_notes(args),
         Command::Simulate(args) => run_simulate(cli, args),
         Command::Audit(args) => run_audit(cli, args),
         Command::Section(args) => section::run(cli, args),

@@ -9,8 +9,8 @@ use std::sync::atomic::{AtomicU8, Ordering};
 
 use glam::DVec2;
 
-use super::projection::Lens;
 use crate::gpu::Gpu;
+use crate::lens::Lens;
 use crate::passes::Targets;
 
 /// How far round the cursor a surface is looked for where it lies on the background, in pixels.

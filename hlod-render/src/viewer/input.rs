@@ -1,4 +1,4 @@
-//! From the window's events to what the session does.
+//! From the window's events to what the stage does.
 
 use std::collections::HashSet;
 use std::time::{Duration, Instant};
@@ -9,7 +9,7 @@ use winit::keyboard::{KeyCode, ModifiersState, PhysicalKey};
 
 use super::bindings::action_of;
 use super::navigation::{Drag, FlyInput};
-use super::session::Session;
+use super::stage::Stage;
 
 /// Two presses within this time are a double click …
 const DOUBLE_CLICK: Duration = Duration::from_millis(400);
@@ -36,21 +36,21 @@ pub struct Input {
 
 impl Input {
     /// Handles an event that the panel left. Returns whether the picture may have changed.
-    pub fn on_event(&mut self, event: &WindowEvent, session: &mut Session, now: Instant) -> bool {
+    pub fn on_event(&mut self, event: &WindowEvent, stage: &mut Stage, now: Instant) -> bool {
         match event {
             WindowEvent::ModifiersChanged(modifiers) => {
                 self.modifiers = modifiers.state();
-                self.fly(session)
+                self.fly(stage)
             }
             WindowEvent::CursorMoved { position, .. } => {
-                self.moved(DVec2::new(position.x, position.y) - self.origin, session, now)
+                self.moved(DVec2::new(position.x, position.y) - self.origin, stage, now)
             }
             WindowEvent::MouseInput { state: ElementState::Pressed, button, .. } => {
-                self.pressed(*button, session, now)
+                self.pressed(*button, stage, now)
             }
             WindowEvent::MouseInput { state: ElementState::Released, button, .. } => {
                 if self.held == Some(*button) {
-                    self.release(session);
+                    self.release(stage);
                 }
                 false
             }
@@ -59,20 +59,20 @@ impl Input {
                     MouseScrollDelta::LineDelta(_, y) => f64::from(*y),
                     MouseScrollDelta::PixelDelta(offset) => offset.y / SCROLL_PX,
                 };
-                session.zoom(self.cursor, steps, now);
+                stage.zoom(self.cursor, steps, now);
                 true
             }
             WindowEvent::PinchGesture { delta, .. } => {
-                session.zoom(self.cursor, delta * PINCH_STEPS, now);
+                stage.zoom(self.cursor, delta * PINCH_STEPS, now);
                 true
             }
             WindowEvent::KeyboardInput { event, is_synthetic: false, .. } => {
-                self.key(event, session, now)
+                self.key(event, stage, now)
             }
             WindowEvent::Focused(false) => {
-                self.release(session);
+                self.release(stage);
                 self.fly_keys.clear();
-                self.fly(session)
+                self.fly(stage)
             }
             _ => false,
         }
@@ -83,30 +83,30 @@ impl Input {
         self.held.is_some()
     }
 
-    fn moved(&mut self, cursor: DVec2, session: &mut Session, now: Instant) -> bool {
+    fn moved(&mut self, cursor: DVec2, stage: &mut Stage, now: Instant) -> bool {
         let moved = cursor - std::mem::replace(&mut self.cursor, cursor);
         if self.held.is_none() || moved == DVec2::ZERO {
             return false;
         }
         if self.turning_light {
-            let share = moved / session.navigation.lens().size.min_element();
-            session.settings.light = session.settings.light.dragged(share.x, share.y);
-            session.motion.note(now);
+            let share = moved / stage.navigation.lens().size.min_element();
+            stage.settings.light = stage.settings.light.dragged(share.x, share.y);
+            stage.motion.note(now);
         } else {
-            session.drag_to(cursor, now);
+            stage.drag_to(cursor, now);
         }
         true
     }
 
-    fn pressed(&mut self, button: MouseButton, session: &mut Session, now: Instant) -> bool {
+    fn pressed(&mut self, button: MouseButton, stage: &mut Stage, now: Instant) -> bool {
         // A second button does not disturb a drag.
         if self.held.is_some() {
             return false;
         }
-        let flying = session.navigation.is_flying();
+        let flying = stage.navigation.is_flying();
         let left = button == MouseButton::Left;
         if left && self.is_double(now) {
-            session.centre(self.cursor, now);
+            stage.centre(self.cursor, now);
             return true;
         }
         let (control, shift) = (self.modifiers.control_key(), self.modifiers.shift_key());
@@ -118,7 +118,7 @@ impl Input {
                 MouseButton::Left | MouseButton::Middle | MouseButton::Right => Drag::Pan,
                 _ => return false,
             };
-            session.begin_drag(drag, self.cursor, now);
+            stage.begin_drag(drag, self.cursor, now);
         }
         self.held = Some(button);
         true
@@ -134,20 +134,20 @@ impl Input {
         double
     }
 
-    fn release(&mut self, session: &mut Session) {
+    fn release(&mut self, stage: &mut Stage) {
         self.held = None;
         self.turning_light = false;
-        session.end_drag();
+        stage.end_drag();
     }
 
-    fn key(&mut self, event: &KeyEvent, session: &mut Session, now: Instant) -> bool {
+    fn key(&mut self, event: &KeyEvent, stage: &mut Stage, now: Instant) -> bool {
         let pressed = event.state == ElementState::Pressed;
         if let PhysicalKey::Code(code) = event.physical_key
             && FLY_KEYS.iter().any(|(key, _)| *key == code)
         {
             let changed =
                 if pressed { self.fly_keys.insert(code) } else { self.fly_keys.remove(&code) };
-            if changed && self.fly(session) {
+            if changed && self.fly(stage) {
                 return true;
             }
         }
@@ -155,19 +155,19 @@ impl Input {
             return false;
         }
         let Some(action) = action_of(event, self.modifiers) else { return false };
-        session.act(action, now);
+        stage.act(action, now);
         true
     }
 
-    /// Tells the session which way the keys fly. Returns whether it flies.
-    fn fly(&self, session: &mut Session) -> bool {
+    /// Tells the stage which way the keys fly. Returns whether it flies.
+    fn fly(&self, stage: &mut Stage) -> bool {
         let held = FLY_KEYS.iter().filter(|(key, _)| self.fly_keys.contains(key));
         let direction = held.map(|(_, direction)| *direction).sum();
         let fast = self.modifiers.shift_key();
         // With Ctrl, letters are commands.
         let direction = if self.modifiers.control_key() { DVec3::ZERO } else { direction };
-        session.navigation.set_fly_input(FlyInput { direction, fast });
-        session.navigation.is_flying() && direction != DVec3::ZERO
+        stage.navigation.set_fly_input(FlyInput { direction, fast });
+        stage.navigation.is_flying() && direction != DVec3::ZERO
     }
 }
 

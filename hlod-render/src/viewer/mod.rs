@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! window      the system's window, and when to draw
-//!   │ input       events → what the session does        bindings: which key does what
-//!   ▼ session     the model, where the viewer stands, what was set
+//!   │ input       events → what the stage does        bindings: which key does what
+//!   ▼ stage       the model, where the viewer stands, what was set
 //!   │ navigation  how a viewer moves (projection: pixels ↔ points)
 //!   │ light       where light comes from
 //!   │ pace        τ while moving, frame times
@@ -23,11 +23,10 @@ mod navigation;
 mod pace;
 mod painter;
 mod panel;
-mod projection;
 mod recording;
 mod screen;
-mod session;
 mod settings;
+mod stage;
 mod window;
 
 use std::path::PathBuf;

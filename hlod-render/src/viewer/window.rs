@@ -21,8 +21,8 @@ use super::light::LightAngles;
 use super::navigation::Navigation;
 use super::panel;
 use super::screen::Screen;
-use super::session::Session;
 use super::settings::Settings;
+use super::stage::Stage;
 use crate::error::RenderError;
 use crate::framing::Framing;
 use crate::gpu::Gpu;
@@ -60,7 +60,7 @@ struct Open {
     watcher: Watcher,
     gui: Gui,
     scene: Scene,
-    session: Session,
+    stage: Stage,
     screen: Screen,
     gpu: Arc<Gpu>,
     window: Arc<Window>,
@@ -144,7 +144,7 @@ impl ApplicationHandler<Wake> for App {
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
         let Some(open) = &mut self.open else { return };
         let now = Instant::now();
-        let leaving = open.session.quit || open.leave_at.is_some_and(|at| now >= at);
+        let leaving = open.stage.quit || open.leave_at.is_some_and(|at| now >= at);
         if leaving {
             let screenshot = self.options.screenshot.clone();
             self.attempt(event_loop, |app| match (&mut app.open, screenshot) {
@@ -195,7 +195,7 @@ impl Open {
             panel_open: points >= PANEL_WINDOW_WIDTH,
             ..defaults
         };
-        let session = Session::new(
+        let stage = Stage::new(
             &gpu,
             screen.picture_format().add_srgb_suffix(),
             model,
@@ -213,7 +213,7 @@ impl Open {
             watcher,
             gui,
             scene,
-            session,
+            stage,
             screen,
             gpu,
             window,
@@ -233,10 +233,10 @@ impl Open {
         let now = Instant::now();
         match event {
             WindowEvent::RedrawRequested => return self.redraw(now),
-            WindowEvent::CloseRequested => self.session.quit = true,
+            WindowEvent::CloseRequested => self.stage.quit = true,
             WindowEvent::Resized(size) => {
                 self.screen.resize(&self.gpu, *size);
-                self.session.motion.note(now);
+                self.stage.motion.note(now);
                 self.unseen_until = None;
                 self.want_redraw();
             }
@@ -258,7 +258,7 @@ impl Open {
                 WindowEvent::KeyboardInput { event, .. } => event.state == ElementState::Released,
                 _ => false,
             };
-        let changed = (!for_panel || always) && self.input.on_event(event, &mut self.session, now);
+        let changed = (!for_panel || always) && self.input.on_event(event, &mut self.stage, now);
         if changed || panel_changed {
             self.want_redraw();
         }
@@ -274,12 +274,12 @@ impl Open {
         self.redraw_wanted = false;
 
         // Move on and lay out the panel.
-        self.session.advance(now);
+        self.stage.advance(now);
         let laid = self.lay_out(now);
 
         // Give the statue what room the panel leaves.
         let targets = &self.scene.targets;
-        let size = self.session.navigation.lens().size.as_uvec2();
+        let size = self.stage.navigation.lens().size.as_uvec2();
         if (targets.width(), targets.height()) != (size.x, size.y) {
             self.scene = Scene::new(&self.gpu, self.screen.picture_format(), size.x, size.y);
         }
@@ -296,8 +296,8 @@ impl Open {
         };
         self.unseen_until = None;
         let origin = self.input.origin.as_uvec2().into();
-        let moving = self.session.motion.is_moving(now);
-        let drew_statue = self.session.draw(&self.gpu, &self.scene, now)?;
+        let moving = self.stage.motion.is_moving(now);
+        let drew_statue = self.stage.draw(&self.gpu, &self.scene, now)?;
         let submission = self.gui.paint(&self.gpu, laid, &self.scene, origin, &texture.texture);
         self.window.pre_present_notify();
         self.gpu.queue.present(texture);
@@ -312,8 +312,8 @@ impl Open {
 
     /// Lays out the panel, and does what was asked for in it.
     fn lay_out(&mut self, now: Instant) -> Laid {
-        let readings = self.session.readings(&self.gpu, now);
-        let (gui, settings) = (&mut self.gui, &mut self.session.settings);
+        let readings = self.stage.readings(&self.gpu, now);
+        let (gui, settings) = (&mut self.gui, &mut self.stage.settings);
         let mut actions = Vec::new();
         let before = settings.clone();
         let mut rect = egui::Rect::NOTHING;
@@ -325,12 +325,12 @@ impl Open {
         self.gui_again =
             now.checked_add(laid.again_after).filter(|_| laid.again_after < Duration::MAX);
         self.gui.statue = rect;
-        if self.session.settings != before {
+        if self.stage.settings != before {
             // As smooth as any other motion.
-            self.session.motion.note(now);
+            self.stage.motion.note(now);
         }
         for action in actions {
-            self.session.act(action, now);
+            self.stage.act(action, now);
             self.redraw_wanted = true;
         }
 
@@ -340,7 +340,7 @@ impl Open {
         };
         let limit = f64::from(self.gpu.device.limits().max_texture_dimension_2d);
         self.input.origin = pixels(rect.min.to_vec2());
-        self.session.navigation.resize(pixels(rect.size()).clamp(DVec2::ONE, DVec2::splat(limit)));
+        self.stage.navigation.resize(pixels(rect.size()).clamp(DVec2::ONE, DVec2::splat(limit)));
         laid
     }
 
@@ -348,7 +348,7 @@ impl Open {
         let Some(frame) = self.under_way.take() else { return };
         if frame.drew_statue {
             let took = when.saturating_duration_since(frame.begun).saturating_sub(frame.waited);
-            self.session.frame_finished(when, took.as_secs_f64() * 1e3, frame.moving);
+            self.stage.frame_finished(when, took.as_secs_f64() * 1e3, frame.moving);
         }
         if self.redraw_wanted {
             self.window.request_redraw();
@@ -368,13 +368,13 @@ impl Open {
         if self.under_way.is_some() {
             return ControlFlow::Wait;
         }
-        let session = &self.session;
-        let moving = session.motion.is_moving(now);
+        let stage = &self.stage;
+        let moving = stage.motion.is_moving(now);
         // After a motion: once more in full, and then once more for its numbers in the panel.
-        let rest = if moving { session.motion.rest_at() } else { (!self.settled).then_some(now) };
-        let arriving = session.is_loading().then(|| self.last_frame + LOADING_INTERVAL);
-        let at_once = (self.redraw_wanted || session.navigation.is_moving()).then_some(now);
-        let next = [rest, arriving, at_once, session.recording_due(), self.gui_again];
+        let rest = if moving { stage.motion.rest_at() } else { (!self.settled).then_some(now) };
+        let arriving = stage.is_loading().then(|| self.last_frame + LOADING_INTERVAL);
+        let at_once = (self.redraw_wanted || stage.navigation.is_moving()).then_some(now);
+        let next = [rest, arriving, at_once, stage.recording_due(), self.gui_again];
         let next = next.into_iter().flatten().min();
         let next = next.map(|at| self.unseen_until.map_or(at, |until| at.max(until)));
         if next.is_some_and(|at| at <= now) {

@@ -14,9 +14,9 @@ use glam::{DVec2, DVec3};
 pub use pose::Pose;
 use pose::corners;
 
-use super::projection::Lens;
 use crate::camera::{Camera, Projection};
 use crate::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
+use crate::lens::Lens;
 
 /// What a drag does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

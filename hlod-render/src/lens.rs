@@ -22,6 +22,23 @@ impl Lens {
         self.camera.eye + right * across.x + up * across.y - back * depth
     }
 
+    /// Origin and unit direction of the ray on which everything lies that is seen at `pixel`.
+    pub fn ray(&self, pixel: DVec2) -> (DVec3, DVec3) {
+        let ahead = self.point_at(pixel, 1.0);
+        match self.camera.projection {
+            Projection::Perspective { .. } => {
+                let eye = self.camera.eye;
+                (eye, (ahead - eye).normalize_or(-self.camera.axes()[2]))
+            }
+            // What is beside the eye is seen, too.
+            Projection::Orthographic { .. } => {
+                let back = self.camera.axes()[2];
+                let range = self.camera.eye.distance(self.camera.target);
+                (self.point_at(pixel, -range), -back)
+            }
+        }
+    }
+
     /// Depth of a world point ahead of the eye; negative behind it.
     pub fn depth_of(&self, point: DVec3) -> f64 {
         (self.camera.eye - point).dot(self.camera.axes()[2])
@@ -42,7 +59,6 @@ impl Lens {
     }
 
     /// World length of a pixel at a depth.
-    #[cfg(test)]
     pub fn pixel_length(&self, depth: f64) -> f64 {
         2.0 * self.camera.half_extent(self.aspect()).y * self.spread(depth) / self.size.y
     }

@@ -28,7 +28,7 @@ const PROBLEMS_MAX: usize = 100;
 const SAME_PLACE_PX: f64 = 4.0;
 
 /// One statue in one window.
-pub struct Session {
+pub struct Stage {
     models: [Model; 1],
     renderer: Renderer,
     /// Where the viewer stands.
@@ -54,7 +54,7 @@ pub struct Session {
     advanced: Option<Instant>,
 }
 
-impl Session {
+impl Stage {
     /// Shows a model in pictures of a format that encodes linear light.
     pub fn new(
         gpu: &Gpu,
@@ -62,8 +62,8 @@ impl Session {
         model: Model,
         navigation: Navigation,
         settings: Settings,
-    ) -> Session {
-        Session {
+    ) -> Stage {
+        Stage {
             models: [model],
             renderer: Renderer::new(gpu, output),
             navigation,

@@ -1,0 +1,501 @@
+//! A session: what someone saw, measured, cut and noted on one statue, in a file that people and
+//! programs can read.
+//!
+//! JSON, UTF-8, version [`VERSION`]. Positions and lengths are in source coordinates and the
+//! source's unit, so that a session serves every file built from the same scan; angles are in
+//! degrees. Unknown keys are refused by name rather than lost when the file is written again.
+//! `docs` of each type below are the format's documentation.
+
+pub mod annotations;
+mod history;
+mod store;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use hlod_compress::Header;
+use serde::{Deserialize, Serialize};
+
+pub use history::History;
+pub use store::{Saver, SessionFile, load, place_of, save};
+
+use crate::camera::{Camera, Projection};
+use crate::framing::Framing;
+use crate::measure::{Measurement, SurfacePoint};
+use crate::scene::{BACKGROUND, Material, Paint, Shadow};
+
+/// Version of the format.
+pub const VERSION: u32 = 1;
+/// More of anything is taken for damage.
+pub const COUNT_MAX: usize = 1_000_000;
+/// Longer texts are taken for damage.
+const TEXT_BYTES_MAX: usize = 1 << 20;
+
+/// Everything that is kept of the work on one statue. Lists are shared, so that a copy, as undoing
+/// needs one a step, costs next to nothing.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Session {
+    /// [`VERSION`].
+    pub version: u32,
+    /// The statue.
+    pub model: ModelIdentity,
+    /// How well the scanner measured, where someone declared it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scanner: Option<ScannerUncertainty>,
+    /// How the statue is lit and drawn.
+    pub looks: Looks,
+    /// Bookmarks.
+    #[serde(default)]
+    pub views: Arc<Vec<SavedView>>,
+    /// What was measured.
+    #[serde(default)]
+    pub measurements: Arc<Vec<Measurement>>,
+    /// Planes that cut the statue.
+    #[serde(default)]
+    pub sections: Arc<Vec<SectionPlane>>,
+    /// What was written about places.
+    #[serde(default)]
+    pub notes: Arc<Vec<Note>>,
+}
+
+/// What a session was made with.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelIdentity {
+    /// Name of the `.hlod` file, without its folder.
+    pub file: String,
+    /// Unit of all coordinates; `unknown` where nobody declared one.
+    pub unit: String,
+    /// The scan's files; their hashes decide whether a session fits.
+    pub sources: Vec<SourceIdentity>,
+}
+
+/// One file of a scan.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SourceIdentity {
+    /// Its name, without its folder.
+    pub name: String,
+    /// Its length.
+    pub bytes: u64,
+    /// SHA-256 of its bytes, hexadecimal.
+    pub sha256: String,
+}
+
+/// An expanded uncertainty after the *Guide to the expression of uncertainty in measurement* (JCGM
+/// 100:2008, section 6), as someone declared it: it is shown beside results and never added to them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScannerUncertainty {
+    /// U of a length, in the source's unit.
+    pub expanded: f64,
+    /// The coverage factor.
+    pub k: f64,
+    /// Who says so: a calibration certificate, a data sheet.
+    pub source: String,
+}
+
+/// Light and looks.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Looks {
+    /// Where light comes from, relative to the picture: 0 from the eye, positive from the right.
+    pub light_azimuth_deg: f64,
+    /// Positive from above.
+    pub light_elevation_deg: f64,
+    /// Angle under which the light is seen, for soft shadows.
+    pub light_size_deg: f64,
+    /// What shadows are drawn.
+    pub shadow: ShadowName,
+    /// What pixels are painted with.
+    pub paint: PaintName,
+    /// Light from everywhere, 0 to 1.
+    pub ambient: f32,
+    /// Strength of the highlight, 0 to 1.
+    pub highlight: f32,
+    /// Linear light of the background.
+    pub background: [f32; 3],
+}
+
+/// [`Shadow`] in a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[allow(missing_docs, reason = "they are those of Shadow")]
+pub enum ShadowName {
+    None,
+    Hard,
+    Soft,
+    Traced,
+}
+
+/// [`Paint`] in a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[allow(missing_docs, reason = "they are those of Paint")]
+pub enum PaintName {
+    Shaded,
+    Depth,
+    Borders,
+}
+
+/// A bookmark.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SavedView {
+    /// Its name; no two views of a session have the same.
+    pub name: String,
+    /// From where.
+    pub viewpoint: Viewpoint,
+    /// In what light.
+    pub looks: Looks,
+}
+
+/// Where a picture is taken from, in source coordinates.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Viewpoint {
+    /// The eye.
+    pub eye: [f64; 3],
+    /// A point straight ahead, at the distance of what is looked at.
+    pub target: [f64; 3],
+    /// What is upwards in the picture.
+    pub up: [f64; 3],
+    /// Vertical field of view of a perspective.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fov_y_deg: Option<f64>,
+    /// Height of the picture of parallel rays, in the source's unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parallel_height: Option<f64>,
+}
+
+/// A plane that cuts the statue: all points p with normal · p = offset.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SectionPlane {
+    /// Its name.
+    pub name: String,
+    /// Of length 1.
+    pub normal: [f64; 3],
+    /// In the source's unit.
+    pub offset: f64,
+    /// Whether its outline is shown.
+    pub shown: bool,
+}
+
+/// Something written about a place.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Note {
+    /// What it is called.
+    pub title: String,
+    /// What it says.
+    #[serde(default)]
+    pub text: String,
+    /// What kind of thing it is about, in the user's words.
+    #[serde(default)]
+    pub category: String,
+    /// sRGB, as `#rrggbb`.
+    pub colour: String,
+    /// What it marks.
+    pub shape: NoteShape,
+    /// One point, or a line's corners on the surface.
+    pub points: Vec<SurfacePoint>,
+}
+
+/// What a note marks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum NoteShape {
+    /// A place.
+    Point,
+    /// A line along the surface.
+    Polyline,
+    /// What a closed line encloses.
+    Region,
+}
+
+impl NoteShape {
+    /// The fewest points that it has.
+    pub fn points_min(self) -> usize {
+        match self {
+            NoteShape::Point => 1,
+            NoteShape::Polyline => 2,
+            NoteShape::Region => 3,
+        }
+    }
+}
+
+impl Session {
+    /// Of a statue that nobody worked on.
+    pub fn new(file: &std::path::Path, header: &Header) -> Session {
+        Session {
+            version: VERSION,
+            model: ModelIdentity::new(file, header),
+            scanner: None,
+            looks: Looks::default(),
+            views: Arc::default(),
+            measurements: Arc::default(),
+            sections: Arc::default(),
+            notes: Arc::default(),
+        }
+    }
+
+    /// Says what is wrong with a session that was read, if anything is.
+    ///
+    /// # Errors
+    /// A sentence that names the first thing wrong and where it is.
+    pub fn validate(&self) -> Result<(), String> {
+        if self.version != VERSION {
+            return Err(format!("version {}: this program reads version {VERSION}", self.version));
+        }
+        let counts = [
+            ("views", self.views.len()),
+            ("measurements", self.measurements.len()),
+            ("sections", self.sections.len()),
+            ("notes", self.notes.len()),
+        ];
+        if let Some((what, count)) = counts.iter().find(|(_, count)| *count > COUNT_MAX) {
+            return Err(format!("{count} {what}: at most {COUNT_MAX} are read"));
+        }
+        if let Some(u) = &self.scanner
+            && !(u.expanded >= 0.0 && u.expanded.is_finite() && u.k > 0.0 && u.k.is_finite())
+        {
+            return Err("scanner: `expanded` must not be negative, and `k` positive".into());
+        }
+        self.looks.validate().map_err(|why| format!("looks: {why}"))?;
+        let mut names = std::collections::HashSet::new();
+        for (i, view) in self.views.iter().enumerate() {
+            let at = |why: String| format!("views[{i}]: {why}");
+            if !names.insert(&view.name) {
+                return Err(at(format!("there is another view called “{}”", view.name)));
+            }
+            text(&view.name).map_err(at)?;
+            view.viewpoint.validate().map_err(at)?;
+            view.looks.validate().map_err(at)?;
+        }
+        for (i, measurement) in self.measurements.iter().enumerate() {
+            measurement.validate().map_err(|why| format!("measurements[{i}]: {why}"))?;
+        }
+        for (i, section) in self.sections.iter().enumerate() {
+            section.validate().map_err(|why| format!("sections[{i}]: {why}"))?;
+        }
+        for (i, note) in self.notes.iter().enumerate() {
+            note.validate().map_err(|why| format!("notes[{i}]: {why}"))?;
+        }
+        Ok(())
+    }
+
+    /// A view by its name.
+    pub fn view(&self, name: &str) -> Option<&SavedView> {
+        self.views.iter().find(|view| view.name == name)
+    }
+
+    /// A name that no view has yet.
+    pub fn free_view_name(&self) -> String {
+        let mut number = self.views.len() + 1;
+        while self.view(&format!("View {number}")).is_some() {
+            number += 1;
+        }
+        format!("View {number}")
+    }
+}
+
+impl ModelIdentity {
+    /// Of a file and its header.
+    pub fn new(file: &std::path::Path, header: &Header) -> ModelIdentity {
+        let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy();
+        let sources = header.sources.iter().map(|source| SourceIdentity {
+            name: source.base_name.clone(),
+            bytes: source.file_bytes,
+            sha256: source.sha256.iter().map(|byte| format!("{byte:02x}")).collect(),
+        });
+        ModelIdentity {
+            file: name.into_owned(),
+            unit: header.unit.name().to_owned(),
+            sources: sources.collect(),
+        }
+    }
+
+    /// Why a session of `self` does not fit a file, if it does not: its coordinates would mean other
+    /// places. The name of the file does not matter, nor how it was built.
+    pub fn mismatch(&self, file: &ModelIdentity) -> Option<String> {
+        let hashes = |model: &ModelIdentity| -> Vec<String> {
+            model.sources.iter().map(|source| source.sha256.to_lowercase()).collect()
+        };
+        if hashes(self) != hashes(file) {
+            let names: Vec<&str> = self.sources.iter().map(|s| s.name.as_str()).collect();
+            return Some(format!(
+                "this session is of another scan ({}): its places may be wrong here",
+                names.join(", ")
+            ));
+        }
+        (self.unit != file.unit).then(|| {
+            format!(
+                "this session's lengths are in {}, the file's in {}: they are taken as they are",
+                self.unit, file.unit
+            )
+        })
+    }
+}
+
+impl Default for Looks {
+    fn default() -> Self {
+        let material = Material::default();
+        Looks {
+            light_azimuth_deg: -45.0,
+            light_elevation_deg: 45.0,
+            light_size_deg: 3.0,
+            shadow: ShadowName::None,
+            paint: PaintName::Shaded,
+            ambient: material.ambient,
+            highlight: material.highlight,
+            background: BACKGROUND.to_array(),
+        }
+    }
+}
+
+impl Looks {
+    fn validate(&self) -> Result<(), String> {
+        let shares = [self.ambient, self.highlight];
+        let known =
+            [self.light_azimuth_deg, self.light_elevation_deg].iter().all(|v| v.is_finite())
+                && (0.0..=180.0).contains(&self.light_size_deg)
+                && shares.iter().chain(&self.background).all(|v| (0.0..=1.0).contains(v));
+        if known { Ok(()) } else { Err("a value is not a number or out of its range".into()) }
+    }
+}
+
+impl Viewpoint {
+    /// Of a camera.
+    pub fn new(camera: &Camera) -> Viewpoint {
+        let (fov_y_deg, parallel_height) = match camera.projection {
+            Projection::Perspective { fov_y } => (Some(fov_y.to_degrees()), None),
+            Projection::Orthographic { height } => (None, Some(height)),
+        };
+        Viewpoint {
+            eye: camera.eye.to_array(),
+            target: camera.target.to_array(),
+            up: camera.axes()[1].to_array(),
+            fov_y_deg,
+            parallel_height,
+        }
+    }
+
+    /// The camera, before a statue.
+    pub fn camera(&self, framing: &Framing) -> Camera {
+        let [eye, target, up] = [self.eye, self.target, self.up].map(DVec3::from_array);
+        match self.parallel_height {
+            Some(height) => {
+                let projection = Projection::Orthographic { height };
+                Camera { eye, target, up, projection, near: 0.0 }
+            }
+            None => {
+                let fov_y = self.fov_y_deg.unwrap_or(crate::framing::FOV_Y_DEG).to_radians();
+                let projection = Projection::Perspective { fov_y };
+                Camera { eye, target, up, projection, near: framing.near(eye) }
+            }
+        }
+    }
+
+    fn validate(&self) -> Result<(), String> {
+        let vectors = [self.eye, self.target, self.up];
+        if !vectors.iter().flatten().all(|v| v.is_finite() && v.abs() < 1e12) {
+            return Err("a coordinate is not a number or too large".into());
+        }
+        let [eye, target, up] = vectors.map(DVec3::from_array);
+        let ahead = (target - eye).try_normalize().ok_or("the eye is where it looks")?;
+        if up.try_normalize().is_none_or(|up| up.cross(ahead).length() < 1e-6) {
+            return Err("`up` must not be along the line of sight".into());
+        }
+        match (self.fov_y_deg, self.parallel_height) {
+            (Some(fov), None) if (0.1..=170.0).contains(&fov) => Ok(()),
+            (None, Some(height)) if height > 0.0 && height < 1e12 => Ok(()),
+            _ => Err("one of `fov_y_deg` (0.1 to 170) and `parallel_height` must be there".into()),
+        }
+    }
+}
+
+impl SectionPlane {
+    fn validate(&self) -> Result<(), String> {
+        text(&self.name)?;
+        let normal = DVec3::from_array(self.normal);
+        if !normal.is_finite() || (normal.length() - 1.0).abs() > 1e-6 {
+            return Err("`normal` must be of length 1".into());
+        }
+        if self.offset.is_finite() { Ok(()) } else { Err("`offset` is not a number".into()) }
+    }
+}
+
+impl Note {
+    fn validate(&self) -> Result<(), String> {
+        [&self.title, &self.text, &self.category].iter().try_for_each(|t| text(t))?;
+        self.colour_rgb().ok_or("`colour` must be like #d08030")?;
+        if self.points.len() < self.shape.points_min() {
+            return Err(format!("{} points are too few", self.points.len()));
+        }
+        if self.points.len() > COUNT_MAX {
+            return Err(format!("{} points are too many", self.points.len()));
+        }
+        self.points.iter().try_for_each(SurfacePoint::validate)
+    }
+
+    /// Its colour, if it is one.
+    pub fn colour_rgb(&self) -> Option<[u8; 3]> {
+        let digits = self.colour.strip_prefix('#').filter(|d| d.len() == 6 && d.is_ascii())?;
+        let part = |i: usize| u8::from_str_radix(&digits[2 * i..2 * i + 2], 16).ok();
+        Some([part(0)?, part(1)?, part(2)?])
+    }
+}
+
+/// Texts are of any content, but not of any length.
+pub(crate) fn text(text: &str) -> Result<(), String> {
+    if text.len() > TEXT_BYTES_MAX {
+        return Err(format!("a text of {} bytes is too long", text.len()));
+    }
+    Ok(())
+}
+
+impl From<Shadow> for ShadowName {
+    fn from(shadow: Shadow) -> Self {
+        match shadow {
+            Shadow::None => ShadowName::None,
+            Shadow::Hard => ShadowName::Hard,
+            Shadow::Soft => ShadowName::Soft,
+            Shadow::Traced => ShadowName::Traced,
+        }
+    }
+}
+
+impl From<ShadowName> for Shadow {
+    fn from(name: ShadowName) -> Self {
+        match name {
+            ShadowName::None => Shadow::None,
+            ShadowName::Hard => Shadow::Hard,
+            ShadowName::Soft => Shadow::Soft,
+            ShadowName::Traced => Shadow::Traced,
+        }
+    }
+}
+
+impl From<Paint> for PaintName {
+    fn from(paint: Paint) -> Self {
+        match paint {
+            Paint::Shaded => PaintName::Shaded,
+            Paint::Depth => PaintName::Depth,
+            Paint::Borders => PaintName::Borders,
+        }
+    }
+}
+
+impl From<PaintName> for Paint {
+    fn from(name: PaintName) -> Self {
+        match name {
+            PaintName::Shaded => Paint::Shaded,
+            PaintName::Depth => Paint::Depth,
+            PaintName::Borders => Paint::Borders,
+        }
+    }
+}
