@@ -5,6 +5,7 @@ mod documents;
 mod dust;
 mod figures;
 mod format;
+mod measuring;
 mod network;
 mod pictures;
 mod points;

@@ -203,9 +203,14 @@ pub struct ViewArgs {
     #[command(flatten)]
     pub precision: PrecisionArgs,
     /// AZIMUTH,ELEVATION of the light in degrees, relative to the picture: 0,0 comes from the eye,
-    /// positive from the right and from above. It can be turned in the window.
-    #[arg(long, value_name = "LIGHT", default_value = "-45,45", value_parser = numbers::<2, 2>, allow_hyphen_values = true)]
-    pub light: Numbers,
+    /// positive from the right and from above. It can be turned in the window [default: that of the
+    /// session, or -45,45].
+    #[arg(long, value_name = "LIGHT", value_parser = numbers::<2, 2>, allow_hyphen_values = true)]
+    pub light: Option<Numbers>,
+    /// Where views, measurements, sections and notes are kept [default: FILE.session.json beside the
+    /// file, or in the user's data folder].
+    #[arg(long, value_name = "JSON")]
+    pub session: Option<PathBuf>,
     /// What a frame may take while moving, in milliseconds: τ is raised up to four times to keep to
     /// it, and restored at rest.
     #[arg(long, value_name = "MS", default_value = "66", value_parser = positive)]

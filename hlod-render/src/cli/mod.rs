@@ -49,16 +49,15 @@ pub fn run(cli: &Cli) -> Outcome {
 fn run_view(cli: &Cli, args: &args::ViewArgs) -> Outcome {
     use hlod_render::scene::Shadow;
     use hlod_render::viewer::{ViewOptions, run};
-    let [azimuth, elevation] = args.light[..] else {
-        unreachable!("the parser lets through two numbers");
-    };
+    let light = args.light.as_ref().map(|light| (light[0], light[1]));
     run(ViewOptions {
         file: args.file.clone(),
         limits: args.memory.limits(),
         error_threshold_px: args.precision.tau,
         frame_target_ms: args.frame_time,
         representation: args.precision.representation.representation(),
-        light: Some((azimuth, elevation)),
+        light,
+        session: args.session.clone(),
         shadow: if args.shadow { Shadow::Hard } else { Shadow::None },
         size: args.size,
         adapter: cli.adapter(),

@@ -75,7 +75,8 @@ impl Outline {
         let next = |i: usize| places[(i + 1) % places.len()];
         let newell: DVec3 =
             (0..places.len()).map(|i| (places[i] - origin).cross(next(i) - origin)).sum();
-        let nothing = "surface-area: the line encloses nothing";
+        let nothing =
+            "surface-area: the line encloses nothing, or as much to the left as to the right";
         let mut normal = newell.try_normalize().ok_or(nothing)?;
         if points.iter().map(|p| DVec3::from_array(p.normal)).sum::<DVec3>().dot(normal) < 0.0 {
             normal = -normal;
@@ -101,7 +102,7 @@ impl Outline {
         let fold = |pick: fn(DVec2, DVec2) -> DVec2| corners.iter().copied().reduce(pick);
         let (low, high) = (fold(DVec2::min).ok_or(nothing)?, fold(DVec2::max).ok_or(nothing)?);
         let size = (high - low).length();
-        if !(flat_area > 1e-9 * size * size) {
+        if flat_area.is_nan() || flat_area <= 1e-9 * size * size {
             return Err(nothing.into());
         }
         let heights = places.iter().map(|p| (p - origin).dot(normal));

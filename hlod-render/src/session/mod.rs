@@ -19,7 +19,7 @@ use hlod_compress::Header;
 use serde::{Deserialize, Serialize};
 
 pub use history::History;
-pub use store::{Saver, SessionFile, load, place_of, save};
+pub use store::{Saver, SessionFile, free_beside, load, place_of, save};
 
 use crate::camera::{Camera, Projection};
 use crate::framing::Framing;

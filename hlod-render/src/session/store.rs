@@ -90,6 +90,13 @@ pub fn place_of(model: &Path) -> Result<SessionFile, RenderError> {
     Ok(SessionFile { exists: path.exists(), path })
 }
 
+/// A name beside a file that none has: `NAME.2.json` and so on.
+pub fn free_beside(path: &Path) -> PathBuf {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let names = (2..u32::MAX).map(|n| path.with_file_name(format!("{stem}.{n}.json")));
+    names.into_iter().find(|name| !name.exists()).unwrap_or_else(|| path.to_owned())
+}
+
 /// Whether a file in a folder could be written: asked by doing it, under a name of its own.
 fn can_write(file: &Path, folder: &Path) -> bool {
     let is_read_only = |p: &Path| p.metadata().is_ok_and(|m| m.permissions().readonly());

@@ -1,5 +1,8 @@
 //! What can be done, and by which key: one table for the keyboard and for the help.
 
+use crate::measure::MeasurementKind;
+use crate::session::NoteShape;
+use crate::viewer::work::tool::Task;
 use winit::event::KeyEvent;
 use winit::keyboard::{Key, KeyCode, ModifiersState, NamedKey, PhysicalKey};
 
@@ -30,8 +33,22 @@ pub enum Action {
     TogglePanel,
     /// Shows or hides the help.
     ToggleHelp,
-    /// Leaves what was entered last: help, flying.
+    /// Leaves what was entered last: help, a tool, flying.
     Leave,
+    /// Takes a tool in hand, or puts it away.
+    Tool(Task),
+    /// Ends what the tool makes of several points.
+    FinishTool,
+    /// Takes back the last point picked.
+    TakeBack,
+    /// Picks what is in the middle of the picture.
+    PickMiddle,
+    /// Bookmarks the view.
+    SaveView,
+    /// Takes the last step back.
+    Undo,
+    /// Does it again.
+    Redo,
     /// Takes the first problem off the list.
     DismissProblem,
     /// Closes the window.
@@ -52,11 +69,13 @@ enum Pressed {
 struct Binding {
     pressed: Pressed,
     control: bool,
+    /// Only looked at together with Ctrl: without it Shift gives other characters.
+    shift: bool,
     action: Action,
 }
 
 const fn plain(pressed: Pressed, action: Action) -> Binding {
-    Binding { pressed, control: false, action }
+    Binding { pressed, control: false, shift: false, action }
 }
 
 const fn character(character: &'static str, action: Action) -> Binding {
@@ -67,7 +86,11 @@ const fn named(key: NamedKey, action: Action) -> Binding {
     plain(Pressed::Named(key), action)
 }
 
-const BINDINGS: [Binding; 33] = [
+const fn control(character: &'static str, shift: bool, action: Action) -> Binding {
+    Binding { pressed: Pressed::Character(character), control: true, shift, action }
+}
+
+const BINDINGS: [Binding; 47] = [
     character("f", Action::Fit),
     named(NamedKey::Home, Action::Home),
     plain(Pressed::Place(KeyCode::Digit1), Action::NamedView(0)),
@@ -101,7 +124,21 @@ const BINDINGS: [Binding; 33] = [
     named(NamedKey::F1, Action::ToggleHelp),
     character("?", Action::ToggleHelp),
     named(NamedKey::Escape, Action::Leave),
-    Binding { pressed: Pressed::Character("q"), control: true, action: Action::Quit },
+    control("q", false, Action::Quit),
+    control("z", false, Action::Undo),
+    control("z", true, Action::Redo),
+    control("y", false, Action::Redo),
+    character("b", Action::SaveView),
+    character("m", Action::Tool(Task::Measure(MeasurementKind::Distance))),
+    character("o", Action::Tool(Task::Measure(MeasurementKind::Polyline))),
+    character("g", Action::Tool(Task::Measure(MeasurementKind::Angle))),
+    character("u", Action::Tool(Task::Measure(MeasurementKind::SurfaceLength))),
+    character("k", Action::Tool(Task::Measure(MeasurementKind::SurfaceArea))),
+    character("j", Action::Tool(Task::Note(NoteShape::Point))),
+    character("x", Action::Tool(Task::Section)),
+    named(NamedKey::Enter, Action::FinishTool),
+    named(NamedKey::Backspace, Action::TakeBack),
+    named(NamedKey::Space, Action::PickMiddle),
 ];
 
 /// What a key does when it is pressed.
@@ -122,12 +159,16 @@ fn find(key: &Key, place: PhysicalKey, modifiers: ModifiersState) -> Option<Acti
     };
     BINDINGS
         .iter()
-        .find(|b| b.control == modifiers.control_key() && is_pressed(&b.pressed))
+        .find(|b| {
+            b.control == modifiers.control_key()
+                && (!b.control || b.shift == modifiers.shift_key())
+                && is_pressed(&b.pressed)
+        })
         .map(|b| b.action)
 }
 
 /// Every key and gesture and what it does, in the help's order.
-pub const HELP: [(&str, &str); 23] = [
+pub const HELP: [(&str, &str); 31] = [
     ("Left drag", "turn round the point under the cursor"),
     ("Right or middle drag, Shift + left drag", "move the point under the cursor along"),
     ("Wheel, pinch, + and −", "approach the point under the cursor, recede"),
@@ -148,6 +189,14 @@ pub const HELP: [(&str, &str); 23] = [
     ("   Shift", "   four times as fast"),
     ("   Left drag", "   look round"),
     ("R", "record a camera path; again: save it"),
+    ("B", "save this view"),
+    ("M, O, G", "measure a distance, a polyline, an angle"),
+    ("U, K", "measure along the surface, an area of it"),
+    ("J, X", "write a note, cut through three points"),
+    ("   Click, Space", "   pick a point, the one in the middle"),
+    ("   Enter, double click", "   end a line"),
+    ("   Backspace, Esc", "   take a point back, leave"),
+    ("Ctrl + Z, Ctrl + Y", "undo, redo"),
     ("N", "show or hide the panel"),
     ("F1, ?", "show or hide this help"),
     ("Ctrl + Q", "close the window"),
@@ -162,7 +211,9 @@ mod tests {
     #[test]
     fn no_key_does_two_things() {
         for (i, a) in BINDINGS.iter().enumerate() {
-            let same = |b: &&Binding| b.pressed == a.pressed && b.control == a.control;
+            let same = |b: &&Binding| {
+                b.pressed == a.pressed && b.control == a.control && b.shift == a.shift
+            };
             assert!(!BINDINGS[..i].iter().any(|b| same(&b)), "{a:?}");
         }
     }
@@ -176,6 +227,9 @@ mod tests {
         assert_eq!(find(&letter("?"), nowhere, ModifiersState::SHIFT), Some(Action::ToggleHelp));
         assert_eq!(find(&letter("q"), nowhere, none), None);
         assert_eq!(find(&letter("q"), nowhere, ModifiersState::CONTROL), Some(Action::Quit));
+        let both = ModifiersState::CONTROL.union(ModifiersState::SHIFT);
+        assert_eq!(find(&letter("z"), nowhere, ModifiersState::CONTROL), Some(Action::Undo));
+        assert_eq!(find(&letter("Z"), nowhere, both), Some(Action::Redo));
         let digit = PhysicalKey::Code(KeyCode::Digit5);
         assert_eq!(find(&letter("("), digit, none), Some(Action::NamedView(4)));
         assert_eq!(find(&Key::Named(NamedKey::F1), nowhere, none), Some(Action::ToggleHelp));

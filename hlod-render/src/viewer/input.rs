@@ -15,6 +15,8 @@ use super::stage::Stage;
 const DOUBLE_CLICK: Duration = Duration::from_millis(400);
 /// … if the cursor moved less than this, in pixels.
 const DOUBLE_CLICK_PX: f64 = 6.0;
+/// A press and a release no farther apart than this are a click, in pixels.
+const CLICK_PX: f64 = 4.0;
 /// Pixels that a touchpad scrolls for one notch of a wheel.
 const SCROLL_PX: f64 = 50.0;
 /// Notches that a pinch to twice the size is worth.
@@ -31,6 +33,8 @@ pub struct Input {
     held: Option<MouseButton>,
     turning_light: bool,
     last_press: Option<(Instant, DVec2)>,
+    /// The left button went down here and the cursor has stayed: what may become a click.
+    click: Option<DVec2>,
     fly_keys: HashSet<KeyCode>,
 }
 
@@ -49,10 +53,13 @@ impl Input {
                 self.pressed(*button, stage, now)
             }
             WindowEvent::MouseInput { state: ElementState::Released, button, .. } => {
+                let clicked = self.held == Some(*button)
+                    && *button == MouseButton::Left
+                    && self.click.take().is_some_and(|place| stage.pick(place));
                 if self.held == Some(*button) {
                     self.release(stage);
                 }
-                false
+                clicked
             }
             WindowEvent::MouseWheel { delta, .. } => {
                 let steps = match delta {
@@ -88,6 +95,9 @@ impl Input {
         if self.held.is_none() || moved == DVec2::ZERO {
             return false;
         }
+        if self.click.is_some_and(|place| place.distance(cursor) > CLICK_PX) {
+            self.click = None;
+        }
         if self.turning_light {
             let share = moved / stage.navigation.lens().size.min_element();
             stage.settings.light = stage.settings.light.dragged(share.x, share.y);
@@ -106,7 +116,10 @@ impl Input {
         let flying = stage.navigation.is_flying();
         let left = button == MouseButton::Left;
         if left && self.is_double(now) {
-            stage.centre(self.cursor, now);
+            match stage.work.tool {
+                Some(_) => stage.work.finish_tool(),
+                None => stage.centre(self.cursor, now),
+            }
             return true;
         }
         let (control, shift) = (self.modifiers.control_key(), self.modifiers.shift_key());
@@ -120,6 +133,8 @@ impl Input {
             };
             stage.begin_drag(drag, self.cursor, now);
         }
+        let plain = left && !control && !shift;
+        self.click = plain.then_some(self.cursor);
         self.held = Some(button);
         true
     }

@@ -4,7 +4,8 @@
 //! window      the system's window, and when to draw
 //!   │ input       events → what the stage does        bindings: which key does what
 //!   ▼ stage       the model, where the viewer stands, what was set
-//!   │ navigation  how a viewer moves (projection: pixels ↔ points)
+//!   │ navigation  how a viewer moves
+//!   │ work        the session: what is measured, cut and noted
 //!   │ light       where light comes from
 //!   │ pace        τ while moving, frame times
 //!   │ depth       what is under the cursor, read back without waiting
@@ -28,6 +29,7 @@ mod screen;
 mod settings;
 mod stage;
 mod window;
+mod work;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -53,11 +55,13 @@ pub struct ViewOptions {
     pub frame_target_ms: f64,
     /// Which hierarchy.
     pub representation: Representation,
-    /// Azimuth and elevation of the light in degrees relative to the picture; from the upper left
-    /// where there is none.
+    /// Azimuth and elevation of the light in degrees relative to the picture; those of the session where
+    /// there are none.
     pub light: Option<(f64, f64)>,
-    /// What shadows are drawn.
+    /// What shadows are drawn; those of the session where there are none.
     pub shadow: Shadow,
+    /// Where the session is kept; beside the file where that is not said.
+    pub session: Option<PathBuf>,
     /// Size of the window's content in pixels of the screen.
     pub size: (u32, u32),
     /// What draws.

@@ -5,8 +5,10 @@ use egui::{Align2, Color32, FontId, Grid, RichText, Slider, Ui};
 use super::bindings::{Action, HELP};
 use super::light::PRESETS;
 use super::settings::Settings;
+use super::work::{Work, desk, desk::Wishes, overlay};
 use crate::frame::FrameStats;
 use crate::framing::NAMED_VIEWS;
+use crate::lens::Lens;
 use crate::scene::{Material, Paint, Representation, Shadow};
 
 /// Width of the panel in points.
@@ -41,6 +43,10 @@ pub struct Readings {
     pub bytes_read: u64,
     /// Whether rays are parallel.
     pub parallel: bool,
+    /// What to do with the tool in hand.
+    pub tool: Option<String>,
+    /// Whether the scan's own geometry is being read for a tool.
+    pub reading: bool,
     /// Whether keys fly.
     pub flying: bool,
     /// Seconds recorded so far.
@@ -56,18 +62,20 @@ pub fn show(
     ui: &mut Ui,
     settings: &mut Settings,
     readings: &Readings,
-    actions: &mut Vec<Action>,
+    (work, lens): (&Work, &Lens),
+    wishes: &mut Wishes,
 ) -> egui::Rect {
     if settings.panel_open {
         egui::Panel::right("panel").exact_size(WIDTH).resizable(false).show(ui, |ui| {
-            egui::ScrollArea::vertical().show(ui, |ui| contents(ui, settings, readings, actions));
+            egui::ScrollArea::vertical()
+                .show(ui, |ui| contents(ui, settings, readings, work, wishes));
         });
     }
     if let Some((problem, count)) = &readings.problem {
         egui::Panel::bottom("problems").resizable(false).show(ui, |ui| {
             ui.horizontal(|ui| {
                 if ui.button("Dismiss").clicked() {
-                    actions.push(Action::DismissProblem);
+                    wishes.actions.push(Action::DismissProblem);
                 }
                 let more =
                     if *count > 1 { format!(" (and {} more)", count - 1) } else { String::new() };
@@ -79,10 +87,11 @@ pub fn show(
         });
     }
     let rect = whole_pixels(ui.available_rect_before_wrap(), ui.pixels_per_point());
+    overlay::draw(ui.painter(), rect, lens, work);
     status_line(ui, rect, readings);
-    corner_buttons(ui, rect, settings, actions);
+    corner_buttons(ui, rect, settings, &mut wishes.actions);
     if settings.help_open {
-        help(ui, actions);
+        help(ui, &mut wishes.actions);
     }
     rect
 }
@@ -95,13 +104,24 @@ fn whole_pixels(rect: egui::Rect, pixels_per_point: f32) -> egui::Rect {
     egui::Rect::from_min_max(round(rect.min).to_pos2(), round(rect.max).to_pos2())
 }
 
-fn contents(ui: &mut Ui, settings: &mut Settings, readings: &Readings, actions: &mut Vec<Action>) {
+fn contents(
+    ui: &mut Ui,
+    settings: &mut Settings,
+    readings: &Readings,
+    work: &Work,
+    wishes: &mut Wishes,
+) {
     ui.spacing_mut().slider_width = 100.0;
-    section(ui, "View", |ui| views(ui, readings, actions));
+    desk::steps(ui, work, wishes);
+    section(ui, "View", |ui| views(ui, readings, &mut wishes.actions));
+    section(ui, "Saved views", |ui| desk::views(ui, work, wishes));
     section(ui, "Precision", |ui| precision(ui, settings, readings));
     section(ui, "Light", |ui| light(ui, settings, readings));
     section(ui, "Looks", |ui| looks(ui, settings));
-    section(ui, "Camera path", |ui| recording(ui, readings, actions));
+    section(ui, "Measure", |ui| desk::measurements(ui, work, wishes));
+    section(ui, "Sections", |ui| desk::sections(ui, work, wishes));
+    section(ui, "Notes", |ui| desk::notes(ui, work, wishes));
+    section(ui, "Camera path", |ui| recording(ui, readings, &mut wishes.actions));
     section(ui, "Statistics", |ui| statistics(ui, readings));
 }
 
@@ -276,6 +296,10 @@ fn status_line(ui: &Ui, rect: egui::Rect, readings: &Readings) {
     let mut parts = Vec::new();
     if let Some(secs) = readings.recording_secs {
         parts.push(format!("recording {secs:.0} s (R saves)"));
+    }
+    parts.extend(readings.tool.clone());
+    if readings.reading {
+        parts.push("reading the scan…".to_owned());
     }
     if readings.flying {
         parts.push("flying (V ends)".to_owned());

@@ -6,6 +6,7 @@ use super::light::{LightAngles, UPPER_LEFT};
 use super::pace::FRAME_TARGET_MS;
 use crate::camera::Camera;
 use crate::scene::{BACKGROUND, Material, Paint, Representation, Shadow, Shot};
+use crate::session::Looks;
 
 /// Looks and precision.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,6 +54,31 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// What of them a session keeps.
+    pub fn looks(&self) -> Looks {
+        Looks {
+            light_azimuth_deg: self.light.azimuth_deg,
+            light_elevation_deg: self.light.elevation_deg,
+            light_size_deg: self.light_size_deg,
+            shadow: self.shadow.into(),
+            paint: self.paint.into(),
+            ambient: self.material.ambient,
+            highlight: self.material.highlight,
+            background: self.background,
+        }
+    }
+
+    /// Takes over what a session kept.
+    pub fn set_looks(&mut self, looks: &Looks) {
+        self.light = LightAngles::new(looks.light_azimuth_deg, looks.light_elevation_deg);
+        self.light_size_deg = looks.light_size_deg;
+        self.shadow = looks.shadow.into();
+        self.paint = looks.paint.into();
+        self.material.ambient = looks.ambient;
+        self.material.highlight = looks.highlight;
+        self.background = looks.background;
+    }
+
     /// The picture that `camera` takes, with τ multiplied by `tau_factor`.
     pub fn shot(&self, camera: Camera, tau_factor: f64) -> Shot {
         Shot {

@@ -14,6 +14,7 @@ use super::pace::{FrameClock, Motion, TauController};
 use super::panel::Readings;
 use super::recording::{Recording, save_new};
 use super::settings::Settings;
+use super::work::{Change, Work, desk::Wishes};
 use crate::error::RenderError;
 use crate::frame::{FrameStats, Renderer, check_models};
 use crate::framing::Framing;
@@ -21,6 +22,7 @@ use crate::gpu::Gpu;
 use crate::model::Model;
 use crate::passes::check_shadows;
 use crate::scene::{Shadow, Shot};
+use crate::session::{Session, Viewpoint};
 
 /// More problems than anyone reads.
 const PROBLEMS_MAX: usize = 100;
@@ -31,6 +33,8 @@ const SAME_PLACE_PX: f64 = 4.0;
 pub struct Stage {
     models: [Model; 1],
     renderer: Renderer,
+    /// What is measured, cut and noted.
+    pub work: Work,
     /// Where the viewer stands.
     pub navigation: Navigation,
     /// What was set.
@@ -62,10 +66,12 @@ impl Stage {
         model: Model,
         navigation: Navigation,
         settings: Settings,
+        work: Work,
     ) -> Stage {
         Stage {
             models: [model],
             renderer: Renderer::new(gpu, output),
+            work,
             navigation,
             settings,
             motion: Motion::default(),
@@ -86,6 +92,9 @@ impl Stage {
 
     /// Lets time pass until `now`.
     pub fn advance(&mut self, now: Instant) {
+        self.work.advance(now);
+        self.problems.extend(self.work.take_problems());
+        self.problems.truncate(PROBLEMS_MAX);
         if self.navigation.is_moving() {
             // After a pause, the first step is that of a usual frame.
             let secs =
@@ -234,11 +243,32 @@ impl Stage {
             }
             Action::Turn(right, up) => self.navigation.turn(right.into(), up.into()),
             Action::Zoom(steps) => self.zoom(middle, steps.into(), now),
+            Action::Tool(task) => self.work.take_tool(task),
+            Action::FinishTool => self.work.finish_tool(),
+            Action::TakeBack => {
+                if let Some(tool) = &mut self.work.tool {
+                    tool.points.pop();
+                }
+            }
+            Action::PickMiddle => {
+                self.pick(middle);
+            }
+            Action::SaveView => {
+                let viewpoint = Viewpoint::new(&self.navigation.camera());
+                self.work.save_view(viewpoint);
+            }
+            Action::Undo | Action::Redo => {
+                if self.work.step(action == Action::Redo) {
+                    self.settings.set_looks(&self.work.session().looks);
+                    self.motion.note(now);
+                }
+            }
             Action::TogglePanel => self.settings.panel_open = !self.settings.panel_open,
             Action::ToggleHelp => self.settings.help_open = !self.settings.help_open,
             Action::Leave => {
                 if self.settings.help_open {
                     self.settings.help_open = false;
+                } else if self.work.tool.take().is_some() {
                 } else if self.navigation.is_flying() {
                     self.navigation.toggle_flying();
                 }
@@ -255,6 +285,38 @@ impl Stage {
         }
     }
 
+    /// Does what was asked for in the panel, and keeps what was set there.
+    pub fn fulfil(&mut self, wishes: Wishes, now: Instant) {
+        if let Some(view) = wishes.go_to.and_then(|i| self.work.session().views.get(i).cloned()) {
+            self.navigation.go_to(&view.viewpoint);
+            self.settings.set_looks(&view.looks);
+            self.motion.note(now);
+        }
+        if let Some(plane) = wishes.section {
+            self.work.add_section(plane);
+        }
+        for change in wishes.changes {
+            self.work.change(change, now);
+        }
+        for action in wishes.actions {
+            self.act(action, now);
+        }
+        let looks = self.settings.looks();
+        if looks != self.work.session().looks {
+            let edit = Box::new(move |session: &mut Session| session.looks = looks);
+            self.work.change(Change { what: "light and looks", gradual: true, edit }, now);
+        }
+    }
+
+    /// A pixel was clicked: with a tool in hand, asks what is there. Returns whether there is one.
+    pub fn pick(&mut self, pixel: DVec2) -> bool {
+        let has_tool = self.work.tool.is_some();
+        if has_tool {
+            self.work.pick(self.navigation.lens(), pixel);
+        }
+        has_tool
+    }
+
     /// What the panel shows.
     pub fn readings(&self, gpu: &Gpu, now: Instant) -> Readings {
         let shown =
@@ -269,6 +331,8 @@ impl Stage {
             error_threshold_px: shown,
             raised: shown > self.settings.error_threshold_px * 1.001,
             loading: self.is_loading(),
+            tool: self.work.tool.as_ref().map(|tool| tool.hint()),
+            reading: self.work.is_busy(),
             link_problem: self.models[0].link_problem().map(str::to_owned),
             resident_bytes: self.models[0].resident_bytes(),
             bytes_read: self.models[0].bytes_read(),

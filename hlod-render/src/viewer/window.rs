@@ -23,11 +23,13 @@ use super::panel;
 use super::screen::Screen;
 use super::settings::Settings;
 use super::stage::Stage;
+use super::work::{Work, desk::Wishes};
 use crate::error::RenderError;
 use crate::framing::Framing;
 use crate::gpu::Gpu;
 use crate::model::Model;
-use crate::scene::Material;
+use crate::scene::Shadow;
+use crate::session::{Looks, ShadowName};
 
 /// While parts are on their way and nothing moves, how often to look what has arrived.
 const LOADING_INTERVAL: Duration = Duration::from_millis(40);
@@ -41,6 +43,8 @@ const PANEL_WINDOW_WIDTH: f64 = 900.0;
 pub enum Wake {
     /// The frame under way is done.
     FrameDone(Instant),
+    /// The scan's own geometry has been read for a tool.
+    Answered,
     /// The GPU is gone.
     Failed(String),
 }
@@ -131,6 +135,10 @@ impl ApplicationHandler<Wake> for App {
                 open.frame_done(when);
                 Ok(())
             }
+            (Wake::Answered, Some(open)) => {
+                open.want_redraw();
+                Ok(())
+            }
             (Wake::Failed(why), Some(open)) => Err(open.gpu.error(why)),
             (_, None) => Ok(()),
         });
@@ -138,7 +146,11 @@ impl ApplicationHandler<Wake> for App {
 
     fn exiting(&mut self, _: &ActiveEventLoop) {
         // While the connection to the window system is still there.
-        self.open = None;
+        if let Some(mut open) = self.open.take()
+            && let Err(error) = open.stage.work.close()
+        {
+            self.error.get_or_insert(error);
+        }
     }
 
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
@@ -146,6 +158,8 @@ impl ApplicationHandler<Wake> for App {
         let now = Instant::now();
         let leaving = open.stage.quit || open.leave_at.is_some_and(|at| now >= at);
         if leaving {
+            let closed = open.stage.work.close();
+            self.attempt(event_loop, |_| closed);
             let screenshot = self.options.screenshot.clone();
             self.attempt(event_loop, |app| match (&mut app.open, screenshot) {
                 (Some(open), Some(file)) => open.save_screenshot(&file),
@@ -184,23 +198,34 @@ impl Open {
         let size = DVec2::new(width.into(), height.into());
         let navigation = Navigation::new(Framing::of(&model), size);
         let points = f64::from(width) / window.scale_factor();
-        let defaults = Settings::default();
         let settings = Settings {
             error_threshold_px: options.error_threshold_px,
             frame_target_ms: options.frame_target_ms,
             representation: options.representation,
-            shadow: options.shadow,
-            light: options.light.map_or(defaults.light, |(a, e)| LightAngles::new(a, e)),
-            material: Material::default(),
             panel_open: points >= PANEL_WINDOW_WIDTH,
-            ..defaults
+            ..Settings::default()
         };
+        let answered = proxy.clone();
+        // The window is gone: nobody needs to know.
+        let wake = move || drop(answered.send_event(Wake::Answered));
+        let session = options.session.as_deref();
+        let work = Work::open(&options.file, session, model.header(), model.bounds(), wake);
+        let mut settings = settings;
+        let begun = work.session().looks;
+        settings.set_looks(&Looks {
+            shadow: if options.shadow == Shadow::None { begun.shadow } else { ShadowName::Hard },
+            ..begun
+        });
+        if let Some((azimuth, elevation)) = options.light {
+            settings.light = LightAngles::new(azimuth, elevation);
+        }
         let stage = Stage::new(
             &gpu,
             screen.picture_format().add_srgb_suffix(),
             model,
             navigation,
             settings,
+            work,
         );
 
         // Prepare what is drawn into, and who waits for it.
@@ -313,14 +338,15 @@ impl Open {
     /// Lays out the panel, and does what was asked for in it.
     fn lay_out(&mut self, now: Instant) -> Laid {
         let readings = self.stage.readings(&self.gpu, now);
-        let (gui, settings) = (&mut self.gui, &mut self.stage.settings);
-        let mut actions = Vec::new();
+        let lens = self.stage.navigation.lens();
+        let Stage { settings, work, .. } = &mut self.stage;
+        let mut wishes = Wishes::default();
         let before = settings.clone();
         let mut rect = egui::Rect::NOTHING;
         let mut pixels_per_point = 1.0;
-        let laid = gui.run(&self.gpu, &self.window, |ui| {
+        let laid = self.gui.run(&self.gpu, &self.window, |ui| {
             pixels_per_point = ui.pixels_per_point();
-            rect = panel::show(ui, settings, &readings, &mut actions);
+            rect = panel::show(ui, settings, &readings, (work, &lens), &mut wishes);
         });
         self.gui_again =
             now.checked_add(laid.again_after).filter(|_| laid.again_after < Duration::MAX);
@@ -329,10 +355,8 @@ impl Open {
             // As smooth as any other motion.
             self.stage.motion.note(now);
         }
-        for action in actions {
-            self.stage.act(action, now);
-            self.redraw_wanted = true;
-        }
+        self.redraw_wanted |= wishes.any();
+        self.stage.fulfil(wishes, now);
 
         let pixels = |v: egui::Vec2| {
             let v = (v * pixels_per_point).round();
@@ -374,7 +398,8 @@ impl Open {
         let rest = if moving { stage.motion.rest_at() } else { (!self.settled).then_some(now) };
         let arriving = stage.is_loading().then(|| self.last_frame + LOADING_INTERVAL);
         let at_once = (self.redraw_wanted || stage.navigation.is_moving()).then_some(now);
-        let next = [rest, arriving, at_once, stage.recording_due(), self.gui_again];
+        let next =
+            [rest, arriving, at_once, stage.recording_due(), stage.work.due(), self.gui_again];
         let next = next.into_iter().flatten().min();
         let next = next.map(|at| self.unseen_until.map_or(at, |until| at.max(until)));
         if next.is_some_and(|at| at <= now) {

@@ -17,6 +17,7 @@ use pose::corners;
 use crate::camera::{Camera, Projection};
 use crate::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
 use crate::lens::Lens;
+use crate::session::Viewpoint;
 
 /// What a drag does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -246,6 +247,21 @@ impl Navigation {
         self.look_at_depth_of(point);
         let to = Pose { focus: point, ..self.pose };
         self.go(to, false);
+    }
+
+    /// Stands where a session's viewpoint says, upright.
+    pub fn go_to(&mut self, viewpoint: &Viewpoint) {
+        let camera = viewpoint.camera(&self.framing);
+        let mut pose = Pose::from_camera(&camera, &self.framing);
+        self.flying = false;
+        self.parallel = matches!(camera.projection, Projection::Orthographic { .. });
+        match camera.projection {
+            Projection::Perspective { fov_y } => self.fov_y = fov_y,
+            Projection::Orthographic { height } => {
+                pose.distance = height / (2.0 * (self.fov_y / 2.0).tan());
+            }
+        }
+        self.go(pose, false);
     }
 
     /// Shows the whole statue from the same side.

@@ -1,0 +1,263 @@
+//! The panel's part for the work on the statue: views, tools, results, sections, notes.
+
+use std::sync::Arc;
+
+use egui::{Button, DragValue, RichText, Slider, TextEdit, Ui};
+use glam::DVec3;
+
+use super::overlay::caption;
+use super::tool::Task;
+use super::{Change, SECTION_COLOURS, SECTIONS_MAX, Work};
+use crate::section::Plane;
+use crate::session::{Note, Session};
+use crate::viewer::bindings::Action;
+
+/// Height of a list before it scrolls, in points.
+const LIST_HEIGHT: f32 = 150.0;
+const SMALL: f32 = 11.5;
+
+/// What the panel asks for.
+#[derive(Default)]
+pub struct Wishes {
+    /// Keys could have asked for it, too.
+    pub actions: Vec<Action>,
+    /// Steps that change the session.
+    pub changes: Vec<Change>,
+    /// Goes to this view.
+    pub go_to: Option<usize>,
+    /// Adds this plane.
+    pub section: Option<Plane>,
+}
+
+impl Wishes {
+    /// Whether anything is asked for.
+    pub fn any(&self) -> bool {
+        !(self.actions.is_empty() && self.changes.is_empty())
+            || self.go_to.is_some()
+            || self.section.is_some()
+    }
+
+    fn change(&mut self, what: &'static str, edit: impl FnOnce(&mut Session) + 'static) {
+        self.changes.push(Change { what, gradual: false, edit: Box::new(edit) });
+    }
+
+    fn adjust(&mut self, what: &'static str, edit: impl FnOnce(&mut Session) + 'static) {
+        self.changes.push(Change { what, gradual: true, edit: Box::new(edit) });
+    }
+}
+
+/// Undo, redo, and where the session is kept.
+pub fn steps(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
+    ui.horizontal(|ui| {
+        let steps = [
+            ("Undo", work.history.undoable(), Action::Undo),
+            ("Redo", work.history.redoable(), Action::Redo),
+        ];
+        for (name, what, action) in steps {
+            let button = ui.add_enabled(what.is_some(), Button::new(name));
+            let hover = what.unwrap_or("nothing");
+            if button.on_hover_text(format!("{} {hover}", name.to_lowercase())).clicked() {
+                wishes.actions.push(action);
+            }
+        }
+    });
+    let (text, hover) = match work.session_path() {
+        Some(path) => {
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            (format!("kept in {name}"), path.display().to_string())
+        }
+        None => ("not kept anywhere".to_owned(), String::new()),
+    };
+    ui.label(RichText::new(text).size(SMALL)).on_hover_text(hover);
+}
+
+/// Bookmarks.
+pub fn views(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
+    if ui.button("Save this view").on_hover_text("camera, light and looks (B)").clicked() {
+        wishes.actions.push(Action::SaveView);
+    }
+    let views = work.session().views.clone();
+    rows(ui, "views", views.len(), |ui, i| {
+        if ui.button("Go").clicked() {
+            wishes.go_to = Some(i);
+        }
+        let mut name = views[i].name.clone();
+        if ui.add(TextEdit::singleline(&mut name).desired_width(130.0)).changed()
+            && !views.iter().any(|view| view.name == name)
+        {
+            wishes.adjust("view's name", move |s| Arc::make_mut(&mut s.views)[i].name = name);
+        }
+        if remove(ui) {
+            wishes.change("remove view", move |s| drop(Arc::make_mut(&mut s.views).remove(i)));
+        }
+    });
+}
+
+/// Tools and what they found.
+pub fn measurements(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
+    tools(ui, work, wishes, |task| matches!(task, Task::Measure(_)));
+    let measurements = work.session().measurements.clone();
+    rows(ui, "measurements", measurements.len(), |ui, i| {
+        let measurement = &measurements[i];
+        let text = RichText::new(caption(measurement, &work.unit)).monospace().size(SMALL);
+        let mut hover = measurement.name.clone();
+        if let Some(delta) = measurement.result.and_then(|r| r.delta) {
+            hover += &format!("\nΔ {:.4}, {:.4}, {:.4}", delta[0], delta[1], delta[2]);
+        }
+        if let Some(pixel) =
+            measurement.points.iter().filter_map(|p| p.pixel_length).reduce(f64::max)
+        {
+            hover += &format!("\na pixel was {pixel:.4} {} when it was clicked", work.unit);
+        }
+        ui.add(egui::Label::new(text).truncate()).on_hover_text(hover);
+        if remove(ui) {
+            wishes.change("remove measurement", move |s| {
+                drop(Arc::make_mut(&mut s.measurements).remove(i));
+            });
+        }
+    });
+    let scanner = match &work.session().scanner {
+        Some(u) => format!("scanner: U = {} (k = {}), {}", u.expanded, u.k, u.source),
+        None => "scanner's uncertainty: not declared".to_owned(),
+    };
+    ui.label(RichText::new(scanner).size(SMALL)).on_hover_text(
+        "± is how far the scan file itself may be; the scanner's own is never added",
+    );
+}
+
+/// Planes that cut the statue.
+pub fn sections(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
+    let sections = work.session().sections.clone();
+    let (low, high) = work.bounds;
+    ui.horizontal_wrapped(|ui| {
+        ui.label("across");
+        for (name, axis) in [("x", DVec3::X), ("y", DVec3::Y), ("z", DVec3::Z)] {
+            let room = sections.len() < SECTIONS_MAX;
+            if ui.add_enabled(room, Button::new(name)).clicked() {
+                let offset = axis.dot((low + high) / 2.0);
+                wishes.section = Some(Plane { normal: axis, offset });
+            }
+        }
+    });
+    tools(ui, work, wishes, |task| task == Task::Section);
+    for (i, section) in sections.iter().enumerate() {
+        let [r, g, b] = SECTION_COLOURS[i.min(SECTIONS_MAX - 1)];
+        ui.horizontal(|ui| {
+            let mut shown = section.shown;
+            if ui.checkbox(&mut shown, "").on_hover_text("show its outline").changed() {
+                wishes.change("show section", move |s| {
+                    Arc::make_mut(&mut s.sections)[i].shown = shown
+                });
+            }
+            ui.label(RichText::new(&section.name).color(egui::Color32::from_rgb(r, g, b)));
+            if remove(ui) {
+                wishes.change("remove section", move |s| {
+                    drop(Arc::make_mut(&mut s.sections).remove(i))
+                });
+            }
+        });
+        let normal = DVec3::from_array(section.normal);
+        let reach = (high - low).dot(normal.abs()) / 2.0;
+        let middle = normal.dot((low + high) / 2.0);
+        let mut offset = section.offset;
+        ui.horizontal(|ui| {
+            let slider =
+                Slider::new(&mut offset, middle - reach..=middle + reach).show_value(false);
+            let value = ui.add(slider).changed()
+                | ui.add(DragValue::new(&mut offset).speed(reach / 500.0).max_decimals(3))
+                    .changed();
+            if value {
+                wishes.adjust("move section", move |s| {
+                    Arc::make_mut(&mut s.sections)[i].offset = offset
+                });
+            }
+            ui.label(&work.unit);
+        });
+        let text = match work.outlines.get(i).and_then(Option::as_ref).map(|o| o.section.as_ref()) {
+            Some(Some(section)) => outline_text(section, &work.unit),
+            Some(None) => "cutting…".to_owned(),
+            None => String::new(),
+        };
+        ui.label(RichText::new(text).size(SMALL));
+    }
+}
+
+fn outline_text(section: &crate::section::Section, unit: &str) -> String {
+    if section.lines.is_empty() {
+        return "the plane meets nothing".into();
+    }
+    let length: f64 = section.lines.iter().map(crate::section::Line::length).sum();
+    let open = section.lines.iter().filter(|line| !line.closed).count();
+    let open = if open > 0 { format!(", {open} of them open") } else { String::new() };
+    format!("{} lines{open}; {length:.3} {unit} long", section.lines.len())
+}
+
+/// What was written about places.
+pub fn notes(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
+    tools(ui, work, wishes, |task| matches!(task, Task::Note(_)));
+    let notes = work.session().notes.clone();
+    rows(ui, "notes", notes.len(), |ui, i| {
+        ui.vertical(|ui| note(ui, &notes[i], i, wishes));
+    });
+}
+
+fn note(ui: &mut Ui, note: &Note, i: usize, wishes: &mut Wishes) {
+    ui.horizontal(|ui| {
+        let mut colour = note.colour_rgb().unwrap_or([255; 3]);
+        if ui.color_edit_button_srgb(&mut colour).changed() {
+            let [r, g, b] = colour;
+            let colour = format!("#{r:02x}{g:02x}{b:02x}");
+            wishes.adjust("note's colour", move |s| Arc::make_mut(&mut s.notes)[i].colour = colour);
+        }
+        let mut title = note.title.clone();
+        if ui.add(TextEdit::singleline(&mut title).desired_width(120.0)).changed() {
+            wishes.adjust("note's title", move |s| Arc::make_mut(&mut s.notes)[i].title = title);
+        }
+        if remove(ui) {
+            wishes.change("remove note", move |s| drop(Arc::make_mut(&mut s.notes).remove(i)));
+        }
+    });
+    let mut category = note.category.clone();
+    let field = TextEdit::singleline(&mut category).hint_text("category").desired_width(190.0);
+    if ui.add(field).changed() {
+        wishes
+            .adjust("note's category", move |s| Arc::make_mut(&mut s.notes)[i].category = category);
+    }
+    let mut text = note.text.clone();
+    let field =
+        TextEdit::multiline(&mut text).hint_text("text").desired_rows(2).desired_width(190.0);
+    if ui.add(field).changed() {
+        wishes.adjust("note's text", move |s| Arc::make_mut(&mut s.notes)[i].text = text);
+    }
+}
+
+fn tools(ui: &mut Ui, work: &Work, wishes: &mut Wishes, wanted: impl Fn(Task) -> bool) {
+    let in_hand = work.tool.as_ref().map(|tool| tool.task);
+    ui.horizontal_wrapped(|ui| {
+        for task in Task::ALL.into_iter().filter(|task| wanted(*task)) {
+            if ui.selectable_label(in_hand == Some(task), task.name()).clicked() {
+                wishes.actions.push(Action::Tool(task));
+            }
+        }
+    });
+}
+
+/// A list that scrolls when it is long. Only rows that are seen are laid out.
+fn rows(ui: &mut Ui, id: &str, count: usize, mut row: impl FnMut(&mut Ui, usize)) {
+    /// Beyond this, rows must be of equal height, so that only those seen are laid out.
+    const FEW: usize = 100;
+    let area = egui::ScrollArea::vertical().id_salt(id).max_height(LIST_HEIGHT);
+    let mut one = |ui: &mut Ui, i: usize| {
+        ui.push_id((id, i), |ui| ui.horizontal(|ui| row(ui, i)));
+    };
+    if count <= FEW {
+        area.show(ui, |ui| (0..count).for_each(|i| one(ui, i)));
+    } else {
+        let height = ui.spacing().interact_size.y * if id == "notes" { 4.5 } else { 1.0 };
+        area.show_rows(ui, height, count, |ui, seen| seen.for_each(|i| one(ui, i)));
+    }
+}
+
+fn remove(ui: &mut Ui) -> bool {
+    ui.small_button("×").on_hover_text("remove").clicked()
+}

@@ -1,0 +1,367 @@
+//! What is being worked out on the statue: the session, the tool in hand, and what reads leaves for it.
+//!
+//! ```text
+//! tool      clicks → points of a task
+//!   │ clerk     rays, measurements and sections on the scan's own geometry, on a thread
+//!   ▼ session   history of steps, saved within seconds
+//! overlay   what of it is drawn over the picture; desk: the panel's part
+//! ```
+
+mod clerk;
+pub mod desk;
+pub mod overlay;
+pub mod tool;
+
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::{DVec2, DVec3};
+use hlod_compress::Header;
+
+use self::clerk::{Answer, Clerk, Question};
+use self::tool::{Task, Tool};
+use crate::error::RenderError;
+use crate::lens::Lens;
+use crate::measure::{Measured, Measurement, MeasurementKind, SurfacePoint};
+use crate::pick::Hit;
+use crate::section::{Plane, Section};
+use crate::session::{
+    History, ModelIdentity, Note, NoteShape, SavedView, Saver, SectionPlane, Session, SessionFile,
+    Viewpoint, free_beside, load, place_of,
+};
+
+/// Planes that cut the statue at the same time.
+pub const SECTIONS_MAX: usize = 3;
+/// Colours that people who see fewer can tell apart (Okabe & Ito 2008): orange, sky blue, green; and
+/// yellow for measurements.
+pub const SECTION_COLOURS: [[u8; 3]; SECTIONS_MAX] = [[230, 159, 0], [86, 180, 233], [0, 158, 115]];
+
+/// A step that changes the session, as the panel asks for it.
+pub struct Change {
+    /// Its name, as in "undo *what*".
+    pub what: &'static str,
+    /// Part of one motion, as a slider's: steps of the same name that follow closely are one.
+    pub gradual: bool,
+    /// What it does.
+    pub edit: Box<dyn FnOnce(&mut Session)>,
+}
+
+/// A plane and what it cuts, as far as that is known.
+struct Outline {
+    plane: Plane,
+    section: Option<Box<Section>>,
+}
+
+/// The session and what is being added to it.
+pub struct Work {
+    /// What the tool in hand is for, and the points picked for it.
+    pub tool: Option<Tool>,
+    history: History,
+    saver: Option<Saver>,
+    clerk: Clerk,
+    /// As the session's planes.
+    outlines: Vec<Option<Outline>>,
+    /// Picks under way: for what, and through which lens.
+    picks: VecDeque<(Task, Lens)>,
+    /// The tool is to end when these have come.
+    finish_wanted: bool,
+    bounds: (DVec3, DVec3),
+    unit: String,
+    problems: Vec<String>,
+}
+
+impl Work {
+    /// Goes on with the session of a file, or begins one. `session` is where it is kept; where that is
+    /// not said, it is found. What goes wrong becomes a problem to be shown, and nothing is
+    /// overwritten that could not be read. `wake` is called when something has been found out.
+    pub fn open(
+        file: &Path,
+        session: Option<&Path>,
+        header: &Header,
+        bounds: (DVec3, DVec3),
+        wake: impl Fn() + Send + 'static,
+    ) -> Work {
+        let mut problems = Vec::new();
+        let untouched = Session::new(file, header);
+        let place = match session {
+            Some(path) => Ok(SessionFile { path: path.to_owned(), exists: path.exists() }),
+            None => place_of(file),
+        };
+        let (begun, saver) = match place {
+            Ok(SessionFile { path, exists: false }) => {
+                (untouched.clone(), Some(Saver::new(path, untouched)))
+            }
+            Ok(SessionFile { path, exists: true }) => match load(&path) {
+                Ok(session) => {
+                    let now = ModelIdentity::new(file, header);
+                    problems.extend(session.model.mismatch(&now));
+                    (session.clone(), Some(Saver::new(path, session)))
+                }
+                Err(error) => {
+                    let other = free_beside(&path);
+                    problems.push(format!(
+                        "{error}. It stays as it is; what you do now is kept in {}",
+                        other.display()
+                    ));
+                    (untouched.clone(), Some(Saver::new(other, untouched)))
+                }
+            },
+            Err(error) => {
+                problems.push(format!("{error}. What you do is not kept"));
+                (untouched, None)
+            }
+        };
+        let mut work = Work {
+            tool: None,
+            history: History::new(begun),
+            saver,
+            clerk: Clerk::new(file.to_owned(), wake),
+            outlines: Vec::new(),
+            picks: VecDeque::new(),
+            finish_wanted: false,
+            bounds,
+            unit: header.unit.name().to_owned(),
+            problems,
+        };
+        work.cut_again();
+        work
+    }
+
+    /// The session as it is.
+    pub fn session(&self) -> &Session {
+        self.history.session()
+    }
+
+    /// What went wrong since it was asked last.
+    pub fn take_problems(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.problems)
+    }
+
+    /// Takes a tool in hand, or puts it away if it was.
+    pub fn take_tool(&mut self, task: Task) {
+        let same = self.tool.as_ref().is_some_and(|tool| tool.task == task);
+        self.tool = (!same).then(|| Tool::new(task));
+    }
+
+    /// A pixel was clicked with a tool in hand: asks what is there.
+    pub fn pick(&mut self, lens: Lens, pixel: DVec2) {
+        let Some(tool) = &self.tool else { return };
+        let (origin, direction) = lens.ray(pixel);
+        self.picks.push_back((tool.task, lens));
+        self.clerk.ask(Question::Pick { origin, direction });
+    }
+
+    /// Ends what the tool was making, if there are points enough.
+    pub fn finish_tool(&mut self) {
+        self.finish_wanted = !self.picks.is_empty();
+        if self.finish_wanted {
+            return;
+        }
+        if let Some(tool) = &mut self.tool {
+            let task = tool.task;
+            if let Some(points) = tool.finish() {
+                self.complete(task, points);
+            }
+        }
+    }
+
+    /// Changes the session.
+    pub fn change(&mut self, change: Change, now: Instant) {
+        if change.gradual {
+            self.history.adjust(change.what, now, change.edit);
+        } else {
+            self.history.edit(change.what, change.edit);
+        }
+        self.cut_again();
+    }
+
+    /// Takes the last step back, or does it again. Returns whether there was one.
+    pub fn step(&mut self, forward: bool) -> bool {
+        let stepped = if forward { self.history.redo() } else { self.history.undo() };
+        self.cut_again();
+        stepped
+    }
+
+    /// Bookmarks a view.
+    pub fn save_view(&mut self, viewpoint: Viewpoint) {
+        self.history.edit("save view", |session| {
+            let (name, looks) = (session.free_view_name(), session.looks);
+            Arc::make_mut(&mut session.views).push(SavedView { name, viewpoint, looks });
+        });
+    }
+
+    /// Takes in what has been found out, and saves what has not been for a while. Returns whether
+    /// anything looks different.
+    pub fn advance(&mut self, now: Instant) -> bool {
+        let mut changed = false;
+        while let Some(answer) = self.clerk.answer() {
+            changed = true;
+            match answer {
+                Answer::Picked(result) => self.picked(result),
+                Answer::Measured { kind, points, result } => self.measured(kind, points, result),
+                Answer::Cut { number, plane, section } => self.cut(number, plane, section),
+            }
+        }
+        if let Some(saver) = &mut self.saver
+            && let Some(error) = saver.note(self.history.session(), now)
+        {
+            self.problems.push(error.to_string());
+        }
+        changed
+    }
+
+    /// When [`Work::advance`] has something to do even if nothing happens.
+    pub fn due(&self) -> Option<Instant> {
+        self.saver.as_ref().and_then(Saver::due)
+    }
+
+    /// Saves what has not been saved.
+    ///
+    /// # Errors
+    /// When it cannot be.
+    pub fn close(&mut self) -> Result<(), RenderError> {
+        self.saver.take().map_or(Ok(()), |saver| saver.finish(self.history.session()))
+    }
+
+    /// Whether leaves are being read.
+    pub fn is_busy(&self) -> bool {
+        self.clerk.is_busy()
+    }
+
+    fn session_path(&self) -> Option<PathBuf> {
+        self.saver.as_ref().map(|saver| saver.path().to_owned())
+    }
+
+    fn picked(&mut self, result: Result<Option<Hit>, RenderError>) {
+        let Some((wanted, lens)) = self.picks.pop_front() else { return };
+        match result {
+            Ok(Some(hit)) => {
+                let pixel_length = lens.pixel_length(lens.depth_of(hit.position));
+                let point = SurfacePoint::of_hit(&hit, Some(pixel_length));
+                // Another tool may be in hand by now.
+                let tool = self.tool.as_mut().filter(|tool| tool.task == wanted);
+                if let Some(points) = tool.and_then(|tool| tool.add(point)) {
+                    self.complete(wanted, points);
+                }
+            }
+            Ok(None) => self.problems.push("nothing of the statue is there to pick".into()),
+            Err(error) => self.problems.push(error.to_string()),
+        }
+        if self.finish_wanted {
+            self.finish_tool();
+        }
+    }
+
+    fn complete(&mut self, task: Task, points: Vec<SurfacePoint>) {
+        match task {
+            Task::Measure(kind) => self.clerk.ask(Question::Measure { kind, points }),
+            Task::Note(shape) => self.note(shape, points),
+            Task::Section => {
+                let places: Vec<DVec3> = points.iter().map(SurfacePoint::place).collect();
+                match Plane::through([places[0], places[1], places[2]]) {
+                    Ok(plane) => self.add_section(plane),
+                    Err(error) => self.problems.push(error.to_string()),
+                }
+            }
+        }
+    }
+
+    fn measured(
+        &mut self,
+        kind: MeasurementKind,
+        points: Vec<SurfacePoint>,
+        result: Result<Measured, RenderError>,
+    ) {
+        match result {
+            Ok(result) => {
+                self.history.edit("measurement", |session| {
+                    let name = format!("{} {}", kind.name(), session.measurements.len() + 1);
+                    let result = Some(result);
+                    Arc::make_mut(&mut session.measurements).push(Measurement {
+                        name,
+                        kind,
+                        points,
+                        result,
+                    });
+                });
+            }
+            Err(error) => self.problems.push(error.to_string()),
+        }
+    }
+
+    fn note(&mut self, shape: NoteShape, points: Vec<SurfacePoint>) {
+        self.history.edit("note", |session| {
+            let title = format!("Note {}", session.notes.len() + 1);
+            Arc::make_mut(&mut session.notes).push(Note {
+                title,
+                text: String::new(),
+                category: String::new(),
+                colour: "#d55e00".into(),
+                shape,
+                points,
+            });
+        });
+    }
+
+    /// Adds a plane that cuts the statue.
+    pub fn add_section(&mut self, plane: Plane) {
+        if self.session().sections.len() >= SECTIONS_MAX {
+            self.problems.push(format!("at most {SECTIONS_MAX} sections: remove one first"));
+            return;
+        }
+        self.history.edit("section", |session| {
+            let name = format!("Section {}", session.sections.len() + 1);
+            Arc::make_mut(&mut session.sections).push(SectionPlane {
+                name,
+                normal: plane.normal.to_array(),
+                offset: plane.offset,
+                shown: true,
+            });
+        });
+        self.cut_again();
+    }
+
+    /// Asks for the lines of planes that are others than before.
+    fn cut_again(&mut self) {
+        let planes: Vec<Option<Plane>> = self
+            .session()
+            .sections
+            .iter()
+            .take(SECTIONS_MAX)
+            .map(|s| {
+                let plane = Plane { normal: DVec3::from_array(s.normal), offset: s.offset };
+                s.shown.then_some(plane)
+            })
+            .collect();
+        self.outlines.resize_with(planes.len(), || None);
+        for (number, plane) in planes.into_iter().enumerate() {
+            let known = self.outlines[number].as_ref().map(|outline| outline.plane);
+            if known == plane {
+                continue;
+            }
+            let before = self.outlines[number].take();
+            if let Some(plane) = plane {
+                // The last lines stay until there are new ones.
+                let section = before.and_then(|outline| outline.section);
+                self.outlines[number] = Some(Outline { plane, section });
+                self.clerk.ask(Question::Section { number, plane });
+            }
+        }
+    }
+
+    fn cut(&mut self, number: usize, plane: Plane, section: Result<Box<Section>, RenderError>) {
+        let Some(Some(outline)) = self.outlines.get_mut(number) else { return };
+        if outline.plane != plane {
+            return;
+        }
+        match section {
+            Ok(section) => outline.section = Some(section),
+            Err(error) => {
+                outline.section = None;
+                self.problems.push(error.to_string());
+            }
+        }
+    }
+}
