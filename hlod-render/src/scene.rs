@@ -216,11 +216,22 @@ impl Shot {
 /// Parallel light by its azimuth and elevation in degrees relative to a picture: 0, 0 comes from
 /// the eye, positive from the right and from above.
 pub fn light_from_angles(camera: &Camera, azimuth_deg: f64, elevation_deg: f64) -> Light {
-    let [right, up, back] = camera.axes();
-    let (azimuth, elevation) = (azimuth_deg.to_radians(), elevation_deg.to_radians());
-    let (sin_a, cos_a) = azimuth.sin_cos();
-    let (sin_e, cos_e) = elevation.sin_cos();
-    Light::Directional(right * (sin_a * cos_e) + up * sin_e + back * (cos_a * cos_e))
+    Light::Directional(direction_from_angles(camera.axes(), azimuth_deg, elevation_deg))
+}
+
+/// The unit vector at an azimuth and an elevation in degrees, of unit vectors right, up and front:
+/// 0, 0 is front, positive is to the right and upwards.
+pub fn direction_from_angles(axes: [DVec3; 3], azimuth_deg: f64, elevation_deg: f64) -> DVec3 {
+    let [right, up, front] = axes;
+    let (sin_a, cos_a) = azimuth_deg.to_radians().sin_cos();
+    let (sin_e, cos_e) = elevation_deg.to_radians().sin_cos();
+    right * (sin_a * cos_e) + up * sin_e + front * (cos_a * cos_e)
+}
+
+/// Azimuth and elevation in degrees of a unit vector: the inverse of [`direction_from_angles`].
+pub fn angles_from_direction(axes: [DVec3; 3], direction: DVec3) -> (f64, f64) {
+    let [right, up, front] = axes.map(|axis| axis.dot(direction));
+    (right.atan2(front).to_degrees(), up.clamp(-1.0, 1.0).asin().to_degrees())
 }
 
 /// Linear light of the usual background: a neutral dark grey.

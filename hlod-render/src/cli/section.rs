@@ -12,9 +12,11 @@ use hlod_compress::Unit;
 use hlod_render::RenderError;
 use hlod_render::leaves::Leaves;
 use hlod_render::section::{GRAZING_DEG, JOIN_STEPS, Layer, Plane, Sheet, cut, write_whole};
+use hlod_render::session::SectionPlane;
 
 use super::args::{Cli, JsonArgs, numbers, positive};
 use super::outcome::{Failure, Outcome};
+use super::work::load_session;
 use super::{print, progress_bar};
 
 /// At most so many planes that are not parallel: more would not be told apart in one drawing.
@@ -38,6 +40,9 @@ pub struct SectionArgs {
     /// A plane through three points, seen from where they turn counter-clockwise.
     #[arg(long, value_name = "X,Y,Z/X,Y,Z/X,Y,Z", value_parser = through, allow_hyphen_values = true)]
     pub through: Vec<Plane>,
+    /// The planes of a session, whether shown or not.
+    #[arg(long, value_name = "JSON")]
+    pub session: Option<PathBuf>,
     /// As many sections in parallel, from each plane on along its normal.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub parallel: u32,
@@ -64,9 +69,16 @@ pub struct SectionArgs {
 }
 
 pub fn run(cli: &Cli, args: &SectionArgs) -> Outcome {
-    let planes: Vec<Plane> = args.plane.iter().chain(&args.through).copied().collect();
-    check(args, &planes)?;
+    let mut planes: Vec<Plane> = args.plane.iter().chain(&args.through).copied().collect();
+    if args.session.is_none() {
+        check(args, &planes)?;
+    }
     let leaves = Leaves::open(&args.file)?;
+    if let Some(path) = &args.session {
+        let (session, _) = load_session(path, &args.file, leaves.header())?;
+        planes.extend(session.sections.iter().map(SectionPlane::plane));
+        check(args, &planes)?;
+    }
     let sheet = sections(cli, args, &planes, &leaves)?;
     write_drawings(args, &sheet)?;
     print(&args.json, &sheet.report(), || table(&sheet))?;
@@ -81,7 +93,9 @@ fn check(args: &SectionArgs, planes: &[Plane]) -> Outcome {
     let usage = |why: String| Err(Failure::Usage(format!("section: {why}")));
     if planes.is_empty() || planes.len() > PLANES_MAX {
         let count = planes.len();
-        return usage(format!("{count} planes: give one to {PLANES_MAX} by --plane and --through"));
+        return usage(format!(
+            "{count} planes: give one to {PLANES_MAX} by --plane, --through and --session"
+        ));
     }
     match (args.parallel, args.spacing) {
         (1, Some(_)) => return usage("--spacing needs --parallel N".into()),

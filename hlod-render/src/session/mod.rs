@@ -24,7 +24,8 @@ pub use store::{Saver, SessionFile, free_beside, load, place_of, save};
 use crate::camera::{Camera, Projection};
 use crate::framing::Framing;
 use crate::measure::{Measurement, SurfacePoint};
-use crate::scene::{BACKGROUND, Material, Paint, Shadow};
+use crate::scene::{BACKGROUND, Light, Material, Paint, Shadow, direction_from_angles};
+use crate::section::Plane;
 
 /// Version of the format.
 pub const VERSION: u32 = 1;
@@ -102,7 +103,10 @@ pub struct ScannerUncertainty {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Looks {
-    /// Where light comes from, relative to the picture: 0 from the eye, positive from the right.
+    /// What the light's angles are relative to.
+    #[serde(default)]
+    pub light_frame: LightFrame,
+    /// Where light comes from: 0 from the front, positive from the right.
     pub light_azimuth_deg: f64,
     /// Positive from above.
     pub light_elevation_deg: f64,
@@ -118,6 +122,17 @@ pub struct Looks {
     pub highlight: f32,
     /// Linear light of the background.
     pub background: [f32; 3],
+}
+
+/// What the angles of a light are relative to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LightFrame {
+    /// The picture: its right, up, and the eye. The light turns with the viewer.
+    #[default]
+    Picture,
+    /// The statue: its right, up and front. The light stays where it is.
+    Object,
 }
 
 /// [`Shadow`] in a file.
@@ -345,6 +360,7 @@ impl Default for Looks {
     fn default() -> Self {
         let material = Material::default();
         Looks {
+            light_frame: LightFrame::Picture,
             light_azimuth_deg: -45.0,
             light_elevation_deg: 45.0,
             light_size_deg: 3.0,
@@ -358,6 +374,13 @@ impl Default for Looks {
 }
 
 impl Looks {
+    /// The light in a picture of this camera.
+    pub fn light(&self, camera: &Camera, framing: &Framing) -> Light {
+        let axes = self.light_frame.axes(camera, framing);
+        let (azimuth, elevation) = (self.light_azimuth_deg, self.light_elevation_deg);
+        Light::Directional(direction_from_angles(axes, azimuth, elevation))
+    }
+
     fn validate(&self) -> Result<(), String> {
         let shares = [self.ambient, self.highlight];
         let known =
@@ -365,6 +388,16 @@ impl Looks {
                 && (0.0..=180.0).contains(&self.light_size_deg)
                 && shares.iter().chain(&self.background).all(|v| (0.0..=1.0).contains(v));
         if known { Ok(()) } else { Err("a value is not a number or out of its range".into()) }
+    }
+}
+
+impl LightFrame {
+    /// Unit vectors right, up and front.
+    pub fn axes(self, camera: &Camera, framing: &Framing) -> [DVec3; 3] {
+        match self {
+            LightFrame::Picture => camera.axes(),
+            LightFrame::Object => framing.axes,
+        }
     }
 }
 
@@ -419,6 +452,11 @@ impl Viewpoint {
 }
 
 impl SectionPlane {
+    /// The plane itself.
+    pub fn plane(&self) -> Plane {
+        Plane { normal: DVec3::from_array(self.normal), offset: self.offset }
+    }
+
     fn validate(&self) -> Result<(), String> {
         text(&self.name)?;
         let normal = DVec3::from_array(self.normal);

@@ -35,6 +35,10 @@ pub enum Action {
     ToggleHelp,
     /// Leaves what was entered last: help, a tool, flying.
     Leave,
+    /// Light that rakes the surface under the cursor, or in the middle.
+    Rake,
+    /// Turns a raking light by steps.
+    SweepLight(i8),
     /// Takes a tool in hand, or puts it away.
     Tool(Task),
     /// Ends what the tool makes of several points.
@@ -90,7 +94,7 @@ const fn control(character: &'static str, shift: bool, action: Action) -> Bindin
     Binding { pressed: Pressed::Character(character), control: true, shift, action }
 }
 
-const BINDINGS: [Binding; 47] = [
+const BINDINGS: [Binding; 50] = [
     character("f", Action::Fit),
     named(NamedKey::Home, Action::Home),
     plain(Pressed::Place(KeyCode::Digit1), Action::NamedView(0)),
@@ -124,6 +128,9 @@ const BINDINGS: [Binding; 47] = [
     named(NamedKey::F1, Action::ToggleHelp),
     character("?", Action::ToggleHelp),
     named(NamedKey::Escape, Action::Leave),
+    character("i", Action::Rake),
+    character(",", Action::SweepLight(1)),
+    character(".", Action::SweepLight(-1)),
     control("q", false, Action::Quit),
     control("z", false, Action::Undo),
     control("z", true, Action::Redo),
@@ -145,7 +152,7 @@ const BINDINGS: [Binding; 47] = [
 pub fn action_of(event: &KeyEvent, modifiers: ModifiersState) -> Option<Action> {
     let action = find(&event.logical_key, event.physical_key, modifiers)?;
     // Held down, only what goes in steps repeats.
-    let steps = matches!(action, Action::Turn(..) | Action::Zoom(_));
+    let steps = matches!(action, Action::Turn(..) | Action::Zoom(_) | Action::SweepLight(_));
     (!event.repeat || steps).then_some(action)
 }
 
@@ -168,13 +175,14 @@ fn find(key: &Key, place: PhysicalKey, modifiers: ModifiersState) -> Option<Acti
 }
 
 /// Every key and gesture and what it does, in the help's order.
-pub const HELP: [(&str, &str); 31] = [
+pub const HELP: [(&str, &str); 32] = [
     ("Left drag", "turn round the point under the cursor"),
     ("Right or middle drag, Shift + left drag", "move the point under the cursor along"),
     ("Wheel, pinch, + and −", "approach the point under the cursor, recede"),
     ("Double click", "bring a point to the middle"),
     ("Ctrl + Shift + left drag", "turn the light"),
     ("L", "light from the upper left at 45°"),
+    ("I, then comma and full stop", "light raking the surface under the cursor, round it"),
     ("H", "shadows or none"),
     ("F", "the whole statue, from the same side"),
     ("Home", "the first view"),

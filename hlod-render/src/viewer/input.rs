@@ -7,7 +7,7 @@ use glam::{DVec2, DVec3};
 use winit::event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent};
 use winit::keyboard::{KeyCode, ModifiersState, PhysicalKey};
 
-use super::bindings::action_of;
+use super::bindings::{Action, action_of};
 use super::navigation::{Drag, FlyInput};
 use super::stage::Stage;
 
@@ -100,8 +100,7 @@ impl Input {
         }
         if self.turning_light {
             let share = moved / stage.navigation.lens().size.min_element();
-            stage.settings.light = stage.settings.light.dragged(share.x, share.y);
-            stage.motion.note(now);
+            stage.drag_light(share.x, share.y, now);
         } else {
             stage.drag_to(cursor, now);
         }
@@ -170,7 +169,11 @@ impl Input {
             return false;
         }
         let Some(action) = action_of(event, self.modifiers) else { return false };
-        stage.act(action, now);
+        match action {
+            // Where the cursor is, not in the middle as from the panel.
+            Action::Rake => stage.rake(self.cursor),
+            _ => stage.act(action, now),
+        }
         true
     }
 

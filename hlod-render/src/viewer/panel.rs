@@ -3,13 +3,14 @@
 use egui::{Align2, Color32, FontId, Grid, RichText, Slider, Ui};
 
 use super::bindings::{Action, HELP};
-use super::light::PRESETS;
+use super::light::{Lamp, PRESETS, RAKING_DEG};
 use super::settings::Settings;
 use super::work::{Work, desk, desk::Wishes, overlay};
 use crate::frame::FrameStats;
 use crate::framing::NAMED_VIEWS;
 use crate::lens::Lens;
 use crate::scene::{Material, Paint, Representation, Shadow};
+use crate::session::LightFrame;
 
 /// Width of the panel in points.
 const WIDTH: f32 = 250.0;
@@ -116,7 +117,7 @@ fn contents(
     section(ui, "View", |ui| views(ui, readings, &mut wishes.actions));
     section(ui, "Saved views", |ui| desk::views(ui, work, wishes));
     section(ui, "Precision", |ui| precision(ui, settings, readings));
-    section(ui, "Light", |ui| light(ui, settings, readings));
+    section(ui, "Light", |ui| light(ui, settings, readings, wishes));
     section(ui, "Looks", |ui| looks(ui, settings));
     section(ui, "Measure", |ui| desk::measurements(ui, work, wishes));
     section(ui, "Sections", |ui| desk::sections(ui, work, wishes));
@@ -183,15 +184,31 @@ fn precision(ui: &mut Ui, settings: &mut Settings, readings: &Readings) {
     }
 }
 
-fn light(ui: &mut Ui, settings: &mut Settings, readings: &Readings) {
+fn light(ui: &mut Ui, settings: &mut Settings, readings: &Readings, wishes: &mut Wishes) {
     let light = &mut settings.light;
-    ui.add(angle(&mut light.azimuth_deg, 180.0).text("azimuth"));
-    ui.add(angle(&mut light.elevation_deg, 90.0).text("elevation"));
-    ui.horizontal_wrapped(|ui| {
-        for (name, preset) in PRESETS {
-            ui.selectable_value(light, preset, name);
+    let angles = &mut light.angles;
+    let turned = ui.add(angle(&mut angles.azimuth_deg, 180.0).text("azimuth")).changed()
+        | ui.add(angle(&mut angles.elevation_deg, 90.0).text("elevation")).changed();
+    ui.horizontal(|ui| {
+        ui.label("relative to the");
+        for (frame, name) in [(LightFrame::Picture, "picture"), (LightFrame::Object, "statue")] {
+            if ui.selectable_label(light.frame == frame, name).clicked() {
+                wishes.light_frame = Some(frame);
+            }
         }
     });
+    ui.horizontal_wrapped(|ui| {
+        for (number, (name, preset)) in PRESETS.iter().enumerate() {
+            let is_it = *light == Lamp::of_picture(*preset);
+            if ui.selectable_label(is_it, *name).clicked() {
+                wishes.actions.push(Action::LightPreset(number));
+            }
+        }
+    });
+    if turned {
+        settings.raking = None;
+    }
+    raking(ui, settings, wishes);
     ui.horizontal(|ui| {
         ui.label("shadows");
         for shadow in [Shadow::None, Shadow::Hard, Shadow::Soft] {
@@ -207,6 +224,24 @@ fn light(ui: &mut Ui, settings: &mut Settings, readings: &Readings) {
     let size = Slider::new(&mut settings.light_size_deg, 0.0..=20.0).suffix("°").max_decimals(1);
     ui.add_enabled(is_soft, size.text("light's size"))
         .on_hover_text("the angle under which the light is seen; 0 casts hard shadows");
+}
+
+/// Light that rakes one place of the surface.
+fn raking(ui: &mut Ui, settings: &mut Settings, wishes: &mut Wishes) {
+    let Some(raking) = &mut settings.raking else {
+        let hover = "from the side over the surface in the middle; I: under the cursor";
+        if ui.button("Rake the surface").on_hover_text(hover).clicked() {
+            wishes.actions.push(Action::Rake);
+        }
+        return;
+    };
+    let over = Slider::new(&mut raking.elevation_deg, RAKING_DEG).suffix("°").max_decimals(0);
+    wishes.raking_changed |= ui.add(over.text("over the surface")).changed();
+    let round = Slider::new(&mut raking.azimuth_deg, 0.0..=360.0).suffix("°").max_decimals(0);
+    wishes.raking_changed |= ui
+        .add(round.text("round it"))
+        .on_hover_text("comma and full stop turn it by 10°")
+        .changed();
 }
 
 fn angle(value: &mut f64, most: f64) -> Slider<'_> {

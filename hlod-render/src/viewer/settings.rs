@@ -2,9 +2,10 @@
 
 use glam::Vec3;
 
-use super::light::{LightAngles, UPPER_LEFT};
+use super::light::{Lamp, LightAngles, Raking, UPPER_LEFT};
 use super::pace::FRAME_TARGET_MS;
 use crate::camera::Camera;
+use crate::framing::Framing;
 use crate::scene::{BACKGROUND, Material, Paint, Representation, Shadow, Shot};
 use crate::session::Looks;
 
@@ -20,7 +21,9 @@ pub struct Settings {
     /// What pixels are painted with.
     pub paint: Paint,
     /// Where light comes from.
-    pub light: LightAngles,
+    pub light: Lamp,
+    /// Where that rakes a place of the surface.
+    pub raking: Option<Raking>,
     /// What shadows are drawn.
     pub shadow: Shadow,
     /// Angle in degrees under which the light is seen, for soft ones.
@@ -42,7 +45,8 @@ impl Default for Settings {
             frame_target_ms: FRAME_TARGET_MS,
             representation: Representation::default(),
             paint: Paint::default(),
-            light: UPPER_LEFT,
+            light: Lamp::of_picture(UPPER_LEFT),
+            raking: None,
             shadow: Shadow::None,
             light_size_deg: 3.0,
             material: Material::default(),
@@ -57,8 +61,9 @@ impl Settings {
     /// What of them a session keeps.
     pub fn looks(&self) -> Looks {
         Looks {
-            light_azimuth_deg: self.light.azimuth_deg,
-            light_elevation_deg: self.light.elevation_deg,
+            light_frame: self.light.frame,
+            light_azimuth_deg: self.light.angles.azimuth_deg,
+            light_elevation_deg: self.light.angles.elevation_deg,
             light_size_deg: self.light_size_deg,
             shadow: self.shadow.into(),
             paint: self.paint.into(),
@@ -70,7 +75,9 @@ impl Settings {
 
     /// Takes over what a session kept.
     pub fn set_looks(&mut self, looks: &Looks) {
-        self.light = LightAngles::new(looks.light_azimuth_deg, looks.light_elevation_deg);
+        let angles = LightAngles::new(looks.light_azimuth_deg, looks.light_elevation_deg);
+        self.light = Lamp { angles, frame: looks.light_frame };
+        self.raking = None;
         self.light_size_deg = looks.light_size_deg;
         self.shadow = looks.shadow.into();
         self.paint = looks.paint.into();
@@ -79,11 +86,11 @@ impl Settings {
         self.background = looks.background;
     }
 
-    /// The picture that `camera` takes, with τ multiplied by `tau_factor`.
-    pub fn shot(&self, camera: Camera, tau_factor: f64) -> Shot {
+    /// The picture that `camera` takes of a statue, with τ multiplied by `tau_factor`.
+    pub fn shot(&self, camera: Camera, framing: &Framing, tau_factor: f64) -> Shot {
         Shot {
             camera,
-            light: self.light.light(&camera),
+            light: self.light.light(&camera, framing),
             material: self.material,
             background: Vec3::from_array(self.background),
             representation: self.representation,

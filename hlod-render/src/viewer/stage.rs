@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3};
 use super::bindings::Action;
 use super::depth::DepthReader;
 use super::gui::Scene;
-use super::light::PRESETS;
+use super::light::{Lamp, PRESETS, Raking};
 use super::navigation::{Drag, Navigation};
 use super::pace::{FrameClock, Motion, TauController};
 use super::panel::Readings;
@@ -22,7 +22,7 @@ use crate::gpu::Gpu;
 use crate::model::Model;
 use crate::passes::check_shadows;
 use crate::scene::{Shadow, Shot};
-use crate::session::{Session, Viewpoint};
+use crate::session::{LightFrame, Session, Viewpoint};
 
 /// More problems than anyone reads.
 const PROBLEMS_MAX: usize = 100;
@@ -93,6 +93,10 @@ impl Stage {
     /// Lets time pass until `now`.
     pub fn advance(&mut self, now: Instant) {
         self.work.advance(now);
+        if let Some(hit) = self.work.take_rake() {
+            self.settings.raking = Some(Raking::new(hit.normal, &self.navigation.camera()));
+            self.aim_raking(now);
+        }
         self.problems.extend(self.work.take_problems());
         self.problems.truncate(PROBLEMS_MAX);
         if self.navigation.is_moving() {
@@ -132,7 +136,8 @@ impl Stage {
                 self.problems.insert(0, problem.into());
             }
         }
-        let shot = self.settings.shot(lens.camera, self.tau.factor(moving));
+        let shot =
+            self.settings.shot(lens.camera, self.navigation.framing(), self.tau.factor(moving));
         let same = self.drawn == Some((shot, lens.size));
         let draw = !same || self.is_loading();
         if draw {
@@ -234,7 +239,8 @@ impl Stage {
             Action::ToggleRecording => self.toggle_recording(now),
             Action::LightPreset(number) => {
                 if let Some((_, light)) = PRESETS.get(number) {
-                    self.settings.light = *light;
+                    self.settings.light = Lamp::of_picture(*light);
+                    self.settings.raking = None;
                 }
             }
             Action::ToggleShadows => {
@@ -243,6 +249,11 @@ impl Stage {
             }
             Action::Turn(right, up) => self.navigation.turn(right.into(), up.into()),
             Action::Zoom(steps) => self.zoom(middle, steps.into(), now),
+            Action::Rake => self.rake(middle),
+            Action::SweepLight(steps) => {
+                self.settings.raking = self.settings.raking.map(|r| r.swept(steps.into()));
+                self.aim_raking(now);
+            }
             Action::Tool(task) => self.work.take_tool(task),
             Action::FinishTool => self.work.finish_tool(),
             Action::TakeBack => {
@@ -295,17 +306,50 @@ impl Stage {
         if let Some(plane) = wishes.section {
             self.work.add_section(plane);
         }
+        if wishes.draw_sections {
+            self.work.draw_sections();
+        }
         for change in wishes.changes {
             self.work.change(change, now);
         }
         for action in wishes.actions {
             self.act(action, now);
         }
+        if let Some(frame) = wishes.light_frame {
+            let (camera, framing) = (self.navigation.camera(), self.navigation.framing());
+            self.settings.light = self.settings.light.relative_to(frame, &camera, framing);
+            self.settings.raking = None;
+        }
+        if wishes.raking_changed {
+            self.aim_raking(now);
+        }
         let looks = self.settings.looks();
         if looks != self.work.session().looks {
             let edit = Box::new(move |session: &mut Session| session.looks = looks);
             self.work.change(Change { what: "light and looks", gradual: true, edit }, now);
         }
+    }
+
+    /// Asks which way the surface faces at a pixel, for a light that rakes it.
+    pub fn rake(&mut self, pixel: DVec2) {
+        self.work.ask_rake(self.navigation.lens(), pixel);
+    }
+
+    /// Turns the light by a drag of so many shares of the picture's smaller side.
+    pub fn drag_light(&mut self, right: f64, down: f64, now: Instant) {
+        let (camera, framing) = (self.navigation.camera(), self.navigation.framing());
+        self.settings.light = self.settings.light.dragged(right, down, &camera, framing);
+        self.settings.raking = None;
+        self.motion.note(now);
+    }
+
+    /// The light is where the raking one should be. It stays there when the viewer turns.
+    fn aim_raking(&mut self, now: Instant) {
+        let Some(raking) = self.settings.raking else { return };
+        let (camera, framing) = (self.navigation.camera(), self.navigation.framing());
+        let frame = LightFrame::Object;
+        self.settings.light = Lamp::of_direction(raking.direction(), frame, &camera, framing);
+        self.motion.note(now);
     }
 
     /// A pixel was clicked: with a tool in hand, asks what is there. Returns whether there is one.

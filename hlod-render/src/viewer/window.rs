@@ -17,7 +17,7 @@ use winit::window::{Window, WindowId};
 use super::ViewOptions;
 use super::gui::{Gui, Laid, Scene};
 use super::input::Input;
-use super::light::LightAngles;
+use super::light::{Lamp, LightAngles};
 use super::navigation::Navigation;
 use super::panel;
 use super::screen::Screen;
@@ -217,7 +217,7 @@ impl Open {
             ..begun
         });
         if let Some((azimuth, elevation)) = options.light {
-            settings.light = LightAngles::new(azimuth, elevation);
+            settings.light = Lamp::of_picture(LightAngles::new(azimuth, elevation));
         }
         let stage = Stage::new(
             &gpu,

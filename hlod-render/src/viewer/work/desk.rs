@@ -8,8 +8,8 @@ use glam::DVec3;
 use super::overlay::caption;
 use super::tool::Task;
 use super::{Change, SECTION_COLOURS, SECTIONS_MAX, Work};
-use crate::section::Plane;
-use crate::session::{Note, Session};
+use crate::section::{Measures, Plane};
+use crate::session::{LightFrame, Note, Session};
 use crate::viewer::bindings::Action;
 
 /// Height of a list before it scrolls, in points.
@@ -27,6 +27,12 @@ pub struct Wishes {
     pub go_to: Option<usize>,
     /// Adds this plane.
     pub section: Option<Plane>,
+    /// The light's angles are to be relative to this, without moving it.
+    pub light_frame: Option<LightFrame>,
+    /// A raking light is to be elsewhere.
+    pub raking_changed: bool,
+    /// Writes drawings of the sections.
+    pub draw_sections: bool,
 }
 
 impl Wishes {
@@ -35,6 +41,9 @@ impl Wishes {
         !(self.actions.is_empty() && self.changes.is_empty())
             || self.go_to.is_some()
             || self.section.is_some()
+            || self.draw_sections
+            || self.light_frame.is_some()
+            || self.raking_changed
     }
 
     fn change(&mut self, what: &'static str, edit: impl FnOnce(&mut Session) + 'static) {
@@ -61,6 +70,7 @@ pub fn steps(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
             }
         }
     });
+    ui.label(RichText::new(work.size_text()).size(SMALL));
     let (text, hover) = match work.session_path() {
         Some(path) => {
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -174,22 +184,34 @@ pub fn sections(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
             ui.label(&work.unit);
         });
         let text = match work.outlines.get(i).and_then(Option::as_ref).map(|o| o.section.as_ref()) {
-            Some(Some(section)) => outline_text(section, &work.unit),
+            Some(Some((_, measures))) => outline_text(measures, &work.unit),
             Some(None) => "cutting…".to_owned(),
             None => String::new(),
         };
         ui.label(RichText::new(text).size(SMALL));
     }
+    if !sections.is_empty()
+        && ui
+            .button("Save drawings 1:1")
+            .on_hover_text("SVG in mm, DXF, beside the session")
+            .clicked()
+    {
+        wishes.draw_sections = true;
+    }
+    if let Some(saved) = &work.saved {
+        ui.label(RichText::new(saved).size(SMALL));
+    }
 }
 
-fn outline_text(section: &crate::section::Section, unit: &str) -> String {
-    if section.lines.is_empty() {
+fn outline_text(measures: &Measures, unit: &str) -> String {
+    if measures.bounds.is_none() {
         return "the plane meets nothing".into();
     }
-    let length: f64 = section.lines.iter().map(crate::section::Line::length).sum();
-    let open = section.lines.iter().filter(|line| !line.closed).count();
-    let open = if open > 0 { format!(", {open} of them open") } else { String::new() };
-    format!("{} lines{open}; {length:.3} {unit} long", section.lines.len())
+    let Measures { closed, open, length, area, .. } = measures;
+    let lines =
+        if *open > 0 { format!("{closed} closed, {open} open") } else { format!("{closed}") };
+    let part = if measures.area_is_whole { "" } else { " of closed lines" };
+    format!("lines: {lines}\nlength {length:.3} {unit}\narea{part} {area:.3} {unit}²")
 }
 
 /// What was written about places.

@@ -18,15 +18,16 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DVec2, DVec3};
-use hlod_compress::Header;
+use hlod_compress::{Header, Unit};
 
 use self::clerk::{Answer, Clerk, Question};
 use self::tool::{Task, Tool};
 use crate::error::RenderError;
+use crate::framing::Framing;
 use crate::lens::Lens;
 use crate::measure::{Measured, Measurement, MeasurementKind, SurfacePoint};
 use crate::pick::Hit;
-use crate::section::{Plane, Section};
+use crate::section::{Measures, Plane, Section, Sheet, write_whole};
 use crate::session::{
     History, ModelIdentity, Note, NoteShape, SavedView, Saver, SectionPlane, Session, SessionFile,
     Viewpoint, free_beside, load, place_of,
@@ -51,7 +52,7 @@ pub struct Change {
 /// A plane and what it cuts, as far as that is known.
 struct Outline {
     plane: Plane,
-    section: Option<Box<Section>>,
+    section: Option<(Box<Section>, Measures)>,
 }
 
 /// The session and what is being added to it.
@@ -63,10 +64,16 @@ pub struct Work {
     clerk: Clerk,
     /// As the session's planes.
     outlines: Vec<Option<Outline>>,
-    /// Picks under way: for what, and through which lens.
-    picks: VecDeque<(Task, Lens)>,
+    /// Picks under way: for which task, or for a raking light, and through which lens.
+    picks: VecDeque<(Option<Task>, Lens)>,
+    /// What a light is to rake.
+    rake: Option<Hit>,
+    /// Where drawings were written.
+    saved: Option<String>,
     /// The tool is to end when these have come.
     finish_wanted: bool,
+    file: PathBuf,
+    header: Header,
     bounds: (DVec3, DVec3),
     unit: String,
     problems: Vec<String>,
@@ -120,7 +127,11 @@ impl Work {
             clerk: Clerk::new(file.to_owned(), wake),
             outlines: Vec::new(),
             picks: VecDeque::new(),
+            rake: None,
+            saved: None,
             finish_wanted: false,
+            file: file.to_owned(),
+            header: header.clone(),
             bounds,
             unit: header.unit.name().to_owned(),
             problems,
@@ -147,9 +158,25 @@ impl Work {
 
     /// A pixel was clicked with a tool in hand: asks what is there.
     pub fn pick(&mut self, lens: Lens, pixel: DVec2) {
-        let Some(tool) = &self.tool else { return };
+        if let Some(tool) = &self.tool {
+            let task = tool.task;
+            self.ask_pick(Some(task), lens, pixel);
+        }
+    }
+
+    /// Asks which way the surface faces at a pixel: see [`Work::take_rake`].
+    pub fn ask_rake(&mut self, lens: Lens, pixel: DVec2) {
+        self.ask_pick(None, lens, pixel);
+    }
+
+    /// The place that a light is to rake, once it is known.
+    pub fn take_rake(&mut self) -> Option<Hit> {
+        self.rake.take()
+    }
+
+    fn ask_pick(&mut self, task: Option<Task>, lens: Lens, pixel: DVec2) {
         let (origin, direction) = lens.ray(pixel);
-        self.picks.push_back((tool.task, lens));
+        self.picks.push_back((task, lens));
         self.clerk.ask(Question::Pick { origin, direction });
     }
 
@@ -230,14 +257,27 @@ impl Work {
         self.clerk.is_busy()
     }
 
+    /// How large the statue is, to the right, upwards and to the front.
+    fn size_text(&self) -> String {
+        let [width, height, depth] = Framing::of_header(&self.header)
+            .axes
+            .map(|axis| (self.bounds.1 - self.bounds.0).dot(axis.abs()));
+        let unit = match self.header.unit {
+            Unit::Unknown => "of an unknown unit",
+            _ => self.unit.as_str(),
+        };
+        format!("{width:.2} × {height:.2} × {depth:.2} {unit}")
+    }
+
     fn session_path(&self) -> Option<PathBuf> {
         self.saver.as_ref().map(|saver| saver.path().to_owned())
     }
 
     fn picked(&mut self, result: Result<Option<Hit>, RenderError>) {
         let Some((wanted, lens)) = self.picks.pop_front() else { return };
-        match result {
-            Ok(Some(hit)) => {
+        match (result, wanted) {
+            (Ok(Some(hit)), None) => self.rake = Some(hit),
+            (Ok(Some(hit)), Some(wanted)) => {
                 let pixel_length = lens.pixel_length(lens.depth_of(hit.position));
                 let point = SurfacePoint::of_hit(&hit, Some(pixel_length));
                 // Another tool may be in hand by now.
@@ -246,8 +286,8 @@ impl Work {
                     self.complete(wanted, points);
                 }
             }
-            Ok(None) => self.problems.push("nothing of the statue is there to pick".into()),
-            Err(error) => self.problems.push(error.to_string()),
+            (Ok(None), _) => self.problems.push("nothing of the statue is there to pick".into()),
+            (Err(error), _) => self.problems.push(error.to_string()),
         }
         if self.finish_wanted {
             self.finish_tool();
@@ -323,6 +363,33 @@ impl Work {
         self.cut_again();
     }
 
+    /// Writes the sections that are shown as drawings at 1:1, for printers and for CAD, beside the
+    /// session.
+    pub fn draw_sections(&mut self) {
+        let outlines = self.outlines.iter().flatten().filter_map(|o| o.section.as_ref());
+        let families = outlines.map(|(section, _)| vec![(**section).clone()]).collect();
+        let sheet = Sheet::new(&self.file, &self.header, None, families);
+        let beside = self.session_path().unwrap_or_else(|| PathBuf::from("sections"));
+        let stem = self.file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let names = |n: u32| {
+            ["svg", "dxf"].map(|end| beside.with_file_name(format!("{stem}-sections-{n:03}.{end}")))
+        };
+        let written = || {
+            let free = (1..1000).map(names).find(|n| n.iter().all(|name| !name.exists()));
+            let [svg, dxf] = free.ok_or_else(|| {
+                RenderError::Usage("999 drawings of sections are there already".into())
+            })?;
+            let (drawn, for_cad) = (sheet.to_svg(1.0)?, sheet.to_dxf()?);
+            write_whole(&svg, &drawn)?;
+            write_whole(&dxf, &for_cad)?;
+            Ok(format!("saved {} and .dxf", svg.display()))
+        };
+        match written() {
+            Ok(saved) => self.saved = Some(saved),
+            Err::<_, RenderError>(error) => self.problems.push(error.to_string()),
+        }
+    }
+
     /// Asks for the lines of planes that are others than before.
     fn cut_again(&mut self) {
         let planes: Vec<Option<Plane>> = self
@@ -330,10 +397,7 @@ impl Work {
             .sections
             .iter()
             .take(SECTIONS_MAX)
-            .map(|s| {
-                let plane = Plane { normal: DVec3::from_array(s.normal), offset: s.offset };
-                s.shown.then_some(plane)
-            })
+            .map(|s| s.shown.then(|| s.plane()))
             .collect();
         self.outlines.resize_with(planes.len(), || None);
         for (number, plane) in planes.into_iter().enumerate() {
@@ -357,7 +421,10 @@ impl Work {
             return;
         }
         match section {
-            Ok(section) => outline.section = Some(section),
+            Ok(section) => {
+                let measures = section.measures();
+                outline.section = Some((section, measures));
+            }
             Err(error) => {
                 outline.section = None;
                 self.problems.push(error.to_string());

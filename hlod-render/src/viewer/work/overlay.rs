@@ -20,7 +20,7 @@ pub fn draw(painter: &Painter, rect: Rect, lens: &Lens, work: &Work) {
     for (number, outline) in work.outlines.iter().enumerate() {
         let [r, g, b] = SECTION_COLOURS[number.min(SECTION_COLOURS.len() - 1)];
         let Some(section) = outline.as_ref().and_then(|o| o.section.as_ref()) else { continue };
-        for line in &section.lines {
+        for line in &section.0.lines {
             canvas.line(line.points.iter().copied(), line.closed, Color32::from_rgb(r, g, b));
         }
     }
