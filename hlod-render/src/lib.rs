@@ -16,6 +16,7 @@ pub mod casters;
 mod edges;
 mod error;
 pub mod figure;
+pub mod files;
 pub mod frame;
 pub mod framing;
 mod gpu;

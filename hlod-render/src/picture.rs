@@ -3,8 +3,10 @@
 use std::path::Path;
 
 use hlod_compress::srgb::{linear_from_srgb, srgb_from_linear};
+use image::ImageEncoder;
 
 use crate::error::RenderError;
+use crate::files::write_aside;
 use crate::frame::{FrameStats, Renderer};
 use crate::gpu::Gpu;
 use crate::model::Model;
@@ -143,18 +145,11 @@ impl Picture {
     /// # Errors
     /// When the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), RenderError> {
-        let mut aside = path.as_os_str().to_owned();
-        aside.push(".part");
-        let aside = std::path::PathBuf::from(aside);
-        let written = image::save_buffer_with_format(
-            &aside,
-            &self.rgba,
-            self.width,
-            self.height,
-            image::ColorType::Rgba8,
-            image::ImageFormat::Png,
-        );
-        written.map_err(|source| RenderError::Image { path: path.to_owned(), source })?;
-        std::fs::rename(&aside, path).map_err(RenderError::io(path, "create"))
+        write_aside(path, |out| {
+            let (width, height) = (self.width, self.height);
+            image::codecs::png::PngEncoder::new(out)
+                .write_image(&self.rgba, width, height, image::ExtendedColorType::Rgba8)
+                .map_err(|source| RenderError::Image { path: path.to_owned(), source })
+        })
     }
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::DVec3;
 
-use super::work::{MeasureArgs, NotesArgs};
+use super::work::{MeasureArgs, NotesArgs, SessionArgs};
 use hlod_render::camera::Camera;
 use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
 use hlod_render::scene::{CASTER_THRESHOLD_PX, Light, Paint, Representation, Shadow};
@@ -276,6 +276,8 @@ pub struct ShotArgs {
     /// Average N × N samples a pixel, for smooth edges.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub supersampling: u32,
+    #[command(flatten)]
+    pub session: SessionArgs,
     #[command(flatten)]
     pub figure: FigureArgs,
     #[command(flatten)]

@@ -16,6 +16,7 @@ use hlod_render::scene::Shot;
 use hlod_render::{Gpu, Model};
 
 use super::args::{self, Cli, DrawArgs, JsonArgs, ShotArgs};
+use super::work::saved_view;
 use super::{Failure, Outcome, open, print, progress_bar, shot, tables};
 
 /// Of lines of text in a picture whose resolution on paper nobody said: a share of its height.
@@ -191,9 +192,14 @@ pub fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
     let dpi = figure.dpi.or(figure.scale.map(|_| 300.0));
     let unit = unit_of(opened.models[0].header().unit, figure.unit)?;
     let scale = figure.scale.zip(dpi).map(|(reduction, dpi)| Scale { reduction, dpi });
-    let (camera, (width, height)) = shot_camera(args, &opened.framing, scale, unit)?;
+    let view = saved_view(&args.session, &args.file, opened.models[0].header())?;
+    let viewpoint = view.as_ref().map(|view| view.viewpoint.camera(&opened.framing));
+    let (camera, (width, height)) = shot_camera(args, viewpoint, &opened.framing, scale, unit)?;
     let mut shot = shot(&args.draw, camera, &opened.framing)?;
     shot.paint = args.paint.paint();
+    if let Some(view) = &view {
+        shot = view.looks.apply(shot, &opened.framing);
+    }
     let mut sheet = Sheet::of(&shot, width, height);
     sheet.transparent = figure.transparent;
     sheet.supersampling = args.supersampling;
@@ -231,13 +237,17 @@ fn pixel_mm(camera: &Camera, height: u32, unit: Unit) -> Option<f64> {
 /// The camera and the picture's size.
 fn shot_camera(
     args: &ShotArgs,
+    viewpoint: Option<Camera>,
     framing: &Framing,
     scale: Option<Scale>,
     unit: Unit,
 ) -> Result<(Camera, (u32, u32)), Failure> {
     let size = args.draw.size();
     let aspect = f64::from(size.0) / f64::from(size.1);
-    let camera = args::camera(&args.camera, framing, aspect).map_err(Failure::Usage)?;
+    let camera = match viewpoint {
+        Some(camera) => camera,
+        None => args::camera(&args.camera, framing, aspect).map_err(Failure::Usage)?,
+    };
     if !args.figure.ortho {
         return Ok((camera, size));
     }

@@ -10,8 +10,9 @@ use indicatif::ProgressDrawTarget;
 
 use hlod_compress::Unit;
 use hlod_render::RenderError;
+use hlod_render::files::write_whole;
 use hlod_render::leaves::Leaves;
-use hlod_render::section::{GRAZING_DEG, JOIN_STEPS, Layer, Plane, Sheet, cut, write_whole};
+use hlod_render::section::{GRAZING_DEG, JOIN_STEPS, Layer, Plane, Sheet, cut};
 use hlod_render::session::SectionPlane;
 
 use super::args::{Cli, JsonArgs, numbers, positive};

@@ -14,7 +14,7 @@ use hlod_render::measure::{
 };
 use hlod_render::pick::first_hit;
 use hlod_render::session::annotations::annotation_page;
-use hlod_render::session::{self, ModelIdentity, ScannerUncertainty, Session};
+use hlod_render::session::{self, ModelIdentity, SavedView, ScannerUncertainty, Session};
 use serde::Serialize;
 
 use super::args::{self, JsonArgs, Numbers};
@@ -24,10 +24,10 @@ use super::{Failure, Outcome, print, write_file};
 #[derive(Args)]
 pub struct SessionArgs {
     /// What was saved of the work on this statue in the window: NAME.hlod.session.json.
-    #[arg(long, value_name = "JSON")]
+    #[arg(long, value_name = "JSON", requires = "view")]
     pub session: Option<PathBuf>,
-    /// One of its views: camera, light and looks.
-    #[arg(long, value_name = "NAME", requires = "session")]
+    /// One of its views: camera, light and looks, in place of --camera, --light and so on.
+    #[arg(long, value_name = "NAME", requires = "session", conflicts_with_all = ["camera", "light", "light_size", "shadow", "paint"])]
     pub view: Option<String>,
 }
 
@@ -161,6 +161,22 @@ pub fn load_session(
         eprintln!("hlod-render: {remark}");
     }
     Ok((session, remarks))
+}
+
+/// The view that was asked for, if one was.
+pub fn saved_view(
+    args: &SessionArgs,
+    file: &Path,
+    header: &Header,
+) -> Result<Option<SavedView>, Failure> {
+    let (Some(path), Some(name)) = (&args.session, &args.view) else { return Ok(None) };
+    let (session, _) = load_session(path, file, header)?;
+    let view = session.view(name).cloned().ok_or_else(|| {
+        let names: Vec<&str> = session.views.iter().map(|view| view.name.as_str()).collect();
+        let names = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+        Failure::Usage(format!("{}: no view “{name}”; there are: {names}", path.display()))
+    })?;
+    Ok(Some(view))
 }
 
 pub fn run_measure(args: &MeasureArgs) -> Outcome {

@@ -1,9 +1,8 @@
 //! Image files, written row by row.
 
-use std::ffi::OsString;
 use std::fs::File;
 use std::io::{BufWriter, Seek, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use tiff::encoder::{TiffEncoder, TiffKind};
 
@@ -11,6 +10,7 @@ use super::provenance::Provenance;
 use super::sheet::{Drawn, Progress, Sheet};
 use super::strips::Strips;
 use crate::error::RenderError;
+use crate::files::write_aside;
 use crate::gpu::Gpu;
 use crate::model::Model;
 
@@ -84,19 +84,8 @@ pub fn save(
 ) -> Result<Drawn, RenderError> {
     let format = check_output(path)?;
     sheet.check()?;
-    let mut aside = OsString::from(path);
-    aside.push(".part");
-    let aside = PathBuf::from(aside);
     let page = Page { sheet, provenance, dpi, path };
-    let written = page.write(gpu, models, format, &aside, progress).and_then(|drawn| {
-        std::fs::rename(&aside, path).map_err(RenderError::io(path, "create"))?;
-        Ok(drawn)
-    });
-    if written.is_err() {
-        // What failed is said; that there is nothing to remove is no matter.
-        let _ = std::fs::remove_file(&aside);
-    }
-    written
+    write_aside(path, |out| page.write(gpu, models, format, out, progress))
 }
 
 /// What is written where.
@@ -113,26 +102,21 @@ impl Page<'_> {
         gpu: &Gpu,
         models: &mut [Model],
         format: Format,
-        aside: &Path,
+        out: &mut BufWriter<File>,
         progress: &mut Progress<'_>,
     ) -> Result<Drawn, RenderError> {
-        let file = File::create(aside).map_err(RenderError::io(self.path, "create"))?;
-        let mut out = BufWriter::new(file);
         let bytes = 4 * u64::from(self.sheet.width) * u64::from(self.sheet.height);
-        let drawn = match format {
-            Format::Png => self.png(&mut out, gpu, models, progress)?,
+        match format {
+            Format::Png => self.png(out, gpu, models, progress),
             Format::Tiff if bytes <= CLASSIC_TIFF_MAX => {
-                let encoder = TiffEncoder::new(&mut out).map_err(|e| self.tiff_error(&e))?;
-                self.tiff(encoder, gpu, models, progress)?
+                let encoder = TiffEncoder::new(out).map_err(|e| self.tiff_error(&e))?;
+                self.tiff(encoder, gpu, models, progress)
             }
             Format::Tiff => {
-                let encoder = TiffEncoder::new_big(&mut out).map_err(|e| self.tiff_error(&e))?;
-                self.tiff(encoder, gpu, models, progress)?
+                let encoder = TiffEncoder::new_big(out).map_err(|e| self.tiff_error(&e))?;
+                self.tiff(encoder, gpu, models, progress)
             }
-        };
-        let file = out.into_inner().map_err(|e| e.into_error());
-        file.and_then(|file| file.sync_all()).map_err(RenderError::io(self.path, "write"))?;
-        Ok(drawn)
+        }
     }
 
     fn png(

@@ -14,7 +14,7 @@ mod tests;
 
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use hlod_compress::Header;
 use serde::{Deserialize, Serialize};
 
@@ -24,7 +24,7 @@ pub use store::{Saver, SessionFile, free_beside, load, place_of, save};
 use crate::camera::{Camera, Projection};
 use crate::framing::Framing;
 use crate::measure::{Measurement, SurfacePoint};
-use crate::scene::{BACKGROUND, Light, Material, Paint, Shadow, direction_from_angles};
+use crate::scene::{BACKGROUND, Light, Material, Paint, Shadow, Shot, direction_from_angles};
 use crate::section::Plane;
 
 /// Version of the format.
@@ -374,6 +374,21 @@ impl Default for Looks {
 }
 
 impl Looks {
+    /// A picture with its camera as it is, in this light and with these looks.
+    pub fn apply(&self, shot: Shot, framing: &Framing) -> Shot {
+        let material =
+            Material { ambient: self.ambient, highlight: self.highlight, ..shot.material };
+        Shot {
+            light: self.light(&shot.camera, framing),
+            light_size: self.light_size_deg,
+            shadow: self.shadow.into(),
+            paint: self.paint.into(),
+            background: Vec3::from_array(self.background),
+            material,
+            ..shot
+        }
+    }
+
     /// The light in a picture of this camera.
     pub fn light(&self, camera: &Camera, framing: &Framing) -> Light {
         let axes = self.light_frame.axes(camera, framing);

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use super::Session;
 use crate::error::RenderError;
+use crate::files::write_aside;
 use crate::source::is_address;
 
 /// Larger files are no sessions.
@@ -37,20 +38,12 @@ pub fn load(path: &Path) -> Result<Session, RenderError> {
 /// # Errors
 /// When it cannot be written; what was there before then still is.
 pub fn save(session: &Session, path: &Path) -> Result<(), RenderError> {
-    let mut aside = path.as_os_str().to_owned();
-    aside.push(".part");
-    let aside = PathBuf::from(aside);
-    let write = || -> std::io::Result<()> {
-        let mut file = std::io::BufWriter::new(std::fs::File::create(&aside)?);
-        serde_json::to_writer_pretty(&mut file, session)?;
-        file.write_all(b"\n")?;
-        file.into_inner().map_err(|e| e.into_error())?.sync_all()?;
-        std::fs::rename(&aside, path)
-    };
-    write().map_err(|e| {
-        // The failure that counts is the first.
-        let _ = std::fs::remove_file(&aside);
-        RenderError::io(path, "save the session")(e)
+    write_aside(path, |out| {
+        let failed = RenderError::io(path, "save the session");
+        serde_json::to_writer_pretty(&mut *out, session)
+            .map_err(std::io::Error::from)
+            .and_then(|()| out.write_all(b"\n"))
+            .map_err(failed)
     })
 }
 

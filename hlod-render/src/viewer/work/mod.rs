@@ -23,11 +23,12 @@ use hlod_compress::{Header, Unit};
 use self::clerk::{Answer, Clerk, Question};
 use self::tool::{Task, Tool};
 use crate::error::RenderError;
+use crate::files::write_whole;
 use crate::framing::Framing;
 use crate::lens::Lens;
 use crate::measure::{Measured, Measurement, MeasurementKind, SurfacePoint};
 use crate::pick::Hit;
-use crate::section::{Measures, Plane, Section, Sheet, write_whole};
+use crate::section::{Measures, Plane, Section, Sheet};
 use crate::session::{
     History, ModelIdentity, Note, NoteShape, SavedView, Saver, SectionPlane, Session, SessionFile,
     Viewpoint, free_beside, load, place_of,
