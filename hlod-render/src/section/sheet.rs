@@ -131,21 +131,18 @@ fn millimetres(unit: Unit) -> Option<f64> {
 }
 
 /// Sections of one family on top of one another, families from left to right. The first keeps its
-/// plane's coordinates.
+/// plane's coordinates; others keep their height, where that is beside the one before.
 fn side_by_side(families: Vec<Vec<Section>>) -> Vec<Layer> {
     let mut layers = Vec::new();
-    let mut right: Option<(f64, f64)> = None;
+    let mut before: Option<[DVec2; 2]> = None;
     for (i, family) in families.into_iter().enumerate() {
         let bounds = family.iter().filter_map(Section::bounds);
         let bounds = bounds.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
-        let mut at = DVec2::ZERO;
-        if let Some([min, max]) = bounds {
-            let width = max.x - min.x;
-            if let Some((edge, wide)) = right {
-                at.x = edge + SPACE * wide.max(width) - min.x;
-            }
-            right = Some((max.x + at.x, width));
-        }
+        let at = match (before, bounds) {
+            (Some(before), Some(bounds)) => beside(before, bounds),
+            _ => DVec2::ZERO,
+        };
+        before = bounds.map(|b| b.map(|q| q + at)).or(before);
         let several = family.len() > 1;
         layers.extend(family.into_iter().enumerate().map(|(j, section)| {
             let of_several = if several { format!("-{}", j + 1) } else { String::new() };
@@ -155,6 +152,28 @@ fn side_by_side(families: Vec<Vec<Section>>) -> Vec<Layer> {
     layers
 }
 
+/// How far to move what lies in `bounds`, so that it is to the right of what is `before` it.
+fn beside(before: [DVec2; 2], bounds: [DVec2; 2]) -> DVec2 {
+    let width = |[min, max]: [DVec2; 2]| max.x - min.x;
+    let x = before[1].x + SPACE * width(before).max(width(bounds)) - bounds[0].x;
+    let level = bounds[0].y <= before[1].y && before[0].y <= bounds[1].y;
+    DVec2::new(x, if level { 0.0 } else { before[0].y - bounds[0].y })
+}
+
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn planes_lie_side_by_side_at_their_height_or_on_one_line() {
+        let (a, b) = (DVec2::new(-1.0, 2.0), DVec2::new(9.0, 6.0));
+        let moved = beside([a, b], [DVec2::new(3.0, 0.0), DVec2::new(4.0, 3.0)]);
+        assert_eq!(moved, DVec2::new(7.0, 0.0));
+        let far = beside([a, b], [DVec2::new(3.0, 700.0), DVec2::new(4.0, 900.0)]);
+        assert_eq!(far, DVec2::new(7.0, -698.0));
+    }
 }
