@@ -44,12 +44,18 @@ pub struct FrameStats {
 }
 
 /// What a frame draws of each model.
+#[derive(Default)]
 struct Fronts {
     receivers: Vec<Front>,
     /// Empty where no shadows are cast.
     casters: Vec<Front>,
     /// Depths and corners of boxes, world space, of what may be seen, by which light is laid out.
     boxes: Vec<(u8, [DVec3; 8])>,
+    /// Of parts, what will be drawn when all of it is here.
+    kept: Vec<Front>,
+    kept_casters: Vec<Front>,
+    /// Of parts, how far what is drawn may lie outside its boxes.
+    beyond_px: Vec<f64>,
 }
 
 /// Draws models.
@@ -155,7 +161,7 @@ impl Renderer {
                 let can_choose = self.passes.can_choose_points(gpu, targets);
                 return Ok(stats(models, &fronts, shot, targets, can_choose));
             }
-            std::thread::yield_now();
+            std::thread::sleep(Duration::from_millis(1));
         }
     }
 
@@ -199,7 +205,8 @@ impl Renderer {
                 uniforms.push((uniform, buffers));
                 model_of.push(m);
                 let index = uniforms.len() - 1;
-                let margin_px = 2.0 * front.border_px;
+                let margin_px =
+                    (2.0 * front.border_px).max(fronts.beyond_px.get(m).copied().unwrap_or(0.0));
                 for draw in &front.draws {
                     let Some(slot) = model.slot(draw.node, draw.representation) else { continue };
                     if slot.arena == arena {
@@ -299,12 +306,7 @@ impl Renderer {
                 is_soft: shot.light_radius() > 0.0,
             },
         };
-        // What a part shows near its sides may be of nodes that are beside it.
-        let area = match targets.window().is_part {
-            true => Rectangle::all(targets),
-            false => seen.rectangle(),
-        };
-        let drawn = Drawn { ranges: &ranges, parts: &parts, area, shadow };
+        let drawn = Drawn { ranges: &ranges, parts: &parts, area: seen.rectangle(), shadow };
         self.passes.encode(gpu, &uniforms, &drawn, shot, targets)
     }
 
@@ -372,13 +374,18 @@ fn tracer<'a>(
 struct Seen {
     low: DVec2,
     high: DVec2,
+    /// Of the whole picture.
     size: DVec2,
+    /// What targets show of it.
+    window: [DVec2; 2],
 }
 
 impl Seen {
     fn nothing(targets: &Targets) -> Seen {
-        let size = DVec2::new(targets.width().into(), targets.height().into());
-        Seen { low: size, high: DVec2::ZERO, size }
+        let (window, vec) = (targets.window(), |x: u32, y: u32| DVec2::new(x.into(), y.into()));
+        let size = vec(window.picture_width, window.picture_height);
+        let part = [vec(window.x, window.y), vec(targets.width(), targets.height())];
+        Seen { low: size, high: DVec2::ZERO, size, window: part }
     }
 
     /// Adds a box, and so many pixels round it.
@@ -400,8 +407,9 @@ impl Seen {
     }
 
     fn rectangle(&self) -> Rectangle {
-        let low = self.low.clamp(DVec2::ZERO, self.size).floor().as_uvec2();
-        let high = self.high.clamp(DVec2::ZERO, self.size).ceil().as_uvec2();
+        let [first, size] = self.window;
+        let low = (self.low - first).clamp(DVec2::ZERO, size).floor().as_uvec2();
+        let high = (self.high - first).clamp(DVec2::ZERO, size).ceil().as_uvec2();
         let extent = high.saturating_sub(low);
         Rectangle { x: low.x, y: low.y, width: extent.x, height: extent.y }
     }
@@ -427,12 +435,18 @@ fn update(
     check_models(models, shot.shadow)?;
     let (width, height) = targets.window().picture();
     let selection = selection(shot);
-    let mut fronts = Fronts { receivers: Vec::new(), casters: Vec::new(), boxes: Vec::new() };
+    let mut fronts = Fronts::default();
     for (m, model) in models.iter_mut().enumerate() {
-        model.receive(gpu)?;
         let mut view = View::new(&shot.camera, model.world_from_model(), width, height);
-        if let Some(survey) = survey {
-            view = survey.narrowed(view, targets, m);
+        match survey {
+            None => model.receive(gpu)?,
+            Some(survey) => {
+                model.receive_in_order(gpu)?;
+                view = survey.narrowed(view, targets, m);
+                // What is here and cannot be drawn before the rest is must not make room for it.
+                let kept = select(model.skeleton(), &view, selection, &|_, _| true);
+                fronts.kept.push(Front { wanted: Vec::new(), ..kept });
+            }
         }
         let is_resident = |n, r| model.is_resident(n, r);
         let mut front = select(model.skeleton(), &view, selection, &is_resident);
@@ -455,14 +469,18 @@ fn update(
             let mut front = select_casters(model.skeleton(), &view, &is_resident);
             if let Some(survey) = survey {
                 survey.casters[m].widen(&mut front);
+                let kept = select_casters(model.skeleton(), &view, &|_, _| true);
+                fronts.kept_casters.push(Front { wanted: Vec::new(), ..kept });
             }
             fronts.casters.push(front);
         }
     }
     for (m, model) in models.iter_mut().enumerate() {
-        model.request(&[Some(&fronts.receivers[m]), fronts.casters.get(m)]);
+        let kept = [fronts.kept.get(m), fronts.kept_casters.get(m)];
+        model.request(&[Some(&fronts.receivers[m]), fronts.casters.get(m), kept[0], kept[1]]);
     }
     if let Some(survey) = survey {
+        fronts.beyond_px = survey.receivers.iter().map(|whole| whole.beyond_px).collect();
         fronts.boxes.clone_from(&survey.boxes);
     }
     Ok(fronts)

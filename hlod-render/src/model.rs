@@ -239,6 +239,27 @@ impl Model {
     /// # Errors
     /// When the GPU has no memory for what must be drawn.
     pub fn receive(&mut self, gpu: &Gpu) -> Result<(), RenderError> {
+        self.take_completions();
+        self.upload_waiting(gpu, self.limits.upload_bytes_per_frame)
+    }
+
+    /// The same for pictures that must come out the same every time: geometry is copied when all that was
+    /// asked for is here, in the file's order, so that it does not matter what came first.
+    ///
+    /// # Errors
+    /// When the GPU has no memory for what must be drawn.
+    pub(crate) fn receive_in_order(&mut self, gpu: &Gpu) -> Result<(), RenderError> {
+        self.take_completions();
+        if self.loader.in_flight() > 0 {
+            return Ok(());
+        }
+        let nodes = self.skeleton.nodes();
+        let place = |(node, r): (u32, usize)| nodes[node as usize].representations[r].page.offset;
+        self.waiting.make_contiguous().sort_by_key(|(key, _)| place(*key));
+        self.upload_waiting(gpu, u64::MAX)
+    }
+
+    fn take_completions(&mut self) {
         self.frame += 1;
         for Completion { ticket, result, bytes_read } in self.loader.poll() {
             self.bytes_read += bytes_read;
@@ -267,8 +288,11 @@ impl Model {
                 }
             }
         }
+    }
+
+    fn upload_waiting(&mut self, gpu: &Gpu, most_bytes: u64) -> Result<(), RenderError> {
         let mut copied = 0;
-        while copied < self.limits.upload_bytes_per_frame {
+        while copied < most_bytes {
             let Some((key, mesh)) = self.waiting.pop_front() else { break };
             copied += (mesh.vertices.len() * 16 + mesh.indices.len() * 4) as u64;
             if !self.slots.contains_key(&key) {

@@ -40,7 +40,7 @@ pub(crate) struct Whole {
     border_px: f64,
     border_error: f64,
     /// How far what is drawn of a node may lie outside its box.
-    beyond_px: f64,
+    pub(crate) beyond_px: f64,
 }
 
 impl Whole {
@@ -70,7 +70,7 @@ impl Survey {
         check_models(models, shot.shadow)?;
         loop {
             for model in models.iter_mut() {
-                model.receive(gpu)?;
+                model.receive_in_order(gpu)?;
             }
             let receivers: Vec<Front> = models.iter().map(|m| ideal(m, shot, size)).collect();
             let mut boxes = Vec::new();
@@ -90,7 +90,7 @@ impl Survey {
             if complete || !models.iter().any(Model::is_loading) {
                 return Ok(Survey::of(models, shot, size, &receivers, &casters, boxes));
             }
-            std::thread::yield_now();
+            std::thread::sleep(std::time::Duration::from_millis(1));
         }
     }
 

@@ -12,11 +12,12 @@ use hlod_render::figure::scale::Scale;
 use hlod_render::figure::{Sheet, light_dome, orthographic};
 use hlod_render::framing::Framing;
 use hlod_render::picture::{Picture, take};
-use hlod_render::scene::{Light, Paint, Representation, Shadow, Shot};
+use hlod_render::scene::{Light, Paint, Representation, Shadow, Shot, light_from_angles};
 use hlod_render::{Gpu, Model, ModelLimits};
 use hlod_tests::{built, bumpy_ball, gpu, ply, program};
 
 use crate::pictures::shot;
+use crate::points::ball_cloud;
 
 struct Scene {
     gpu: Gpu,
@@ -118,6 +119,46 @@ fn parts_are_what_the_whole_picture_has_there() {
     // Other light is another picture: the comparison would see it.
     let other = Shot { light: lamp, ..plain };
     assert!(different(&whole, &pictures_of(&mut s, &other, 3, None)) > 300);
+}
+
+#[test]
+fn parts_agree_whatever_was_read_first() {
+    let gpu = gpu();
+    let drawn = |part_px: Option<u32>| {
+        let model = Model::open(&gpu, statue(), ModelLimits::default()).unwrap();
+        let framing = Framing::of(&model);
+        // Faces of cells are seen edge on, and with them what two nodes share.
+        let camera = orthographic(&framing, framing.axes[2], DVec3::Y, 1.05 * framing.height);
+        let light = light_from_angles(&camera, -60.0, 40.0);
+        let plain = shot(&framing, Representation::Hybrid);
+        let shot = Shot { camera, light, shadow: Shadow::Hard, ..plain };
+        let mut sheet = Sheet::of(&shot, 260, 400);
+        sheet.part_px = part_px;
+        sheet.picture(&gpu, &mut [model]).unwrap()
+    };
+    let whole = drawn(None);
+    for part_px in [None, Some(123), Some(64)] {
+        assert_eq!(different(&whole, &drawn(part_px)), 0, "{part_px:?}");
+    }
+    assert!(different(&whole, &shifted(&whole)) > 10_000);
+}
+
+#[test]
+fn parts_of_clouds_agree_where_points_reach_into_the_next() {
+    let mut s = scene(&ball_cloud(6000), 500);
+    let plain = shot(&s.framing, Representation::Points);
+    // So near that points are wide discs.
+    let eye = s.framing.point([0.1, 0.1, 0.9]);
+    let near = s.framing.camera(eye, s.framing.centre, 40.0);
+    for camera in [plain.camera, near] {
+        for shadow in [Shadow::None, Shadow::Hard] {
+            let shot = Shot { camera, shadow, ..plain };
+            let whole = pictures_of(&mut s, &shot, 1, None);
+            let parts = pictures_of(&mut s, &shot, 1, Some(23));
+            assert_eq!(different(&whole, &parts), 0, "{shadow:?}");
+            assert!(different(&whole, &shifted(&parts)) > 300);
+        }
+    }
 }
 
 #[test]

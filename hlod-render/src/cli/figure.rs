@@ -204,7 +204,14 @@ pub fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
     sheet.transparent = figure.transparent;
     sheet.supersampling = args.supersampling;
     sheet.check()?;
-    annotate(&mut sheet, figure, &shot, &opened.framing, unit, dpi)?;
+    let text_px = text_px(&sheet, scale);
+    if scale.is_some() && args.draw.size.is_none() {
+        // What is written has its own room below.
+        let lines = u32::from(figure.scale_bar) * 2 + u32::from(figure.caption.is_some());
+        sheet.height += (f64::from(lines) * 1.3 * text_px) as u32;
+    }
+    annotate(&mut sheet, figure, text_px, &opened.framing, unit)?;
+    sheet.check()?;
     let provenance = &mut opened.provenance;
     if let Some(scale) = scale {
         provenance.add("scale", &format!("{} at {} dpi", scale.name(), scale.dpi));
@@ -214,7 +221,7 @@ pub fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
     let problems = opened.problems();
     let gpu = &opened.gpu;
     let result = serde_json::json!({
-        "output": args.output, "adapter": gpu.describe(), "width": width, "height": height,
+        "output": args.output, "adapter": gpu.describe(), "width": sheet.width, "height": sheet.height,
         "tau_px": shot.error_threshold_px, "triangles": drawn.triangles, "points": drawn.points,
         "nodes": drawn.nodes, "shadow": shot.shadow.name(), "caster_triangles": drawn.caster_triangles,
         "caster_nodes": drawn.caster_nodes, "problems": problems, "parts": drawn.parts,
@@ -273,18 +280,21 @@ fn shot_camera(
     Ok((parallel, (width, height)))
 }
 
+/// Height of lines of text.
+fn text_px(sheet: &Sheet, scale: Option<Scale>) -> f64 {
+    let of_paper = scale.map(|scale| TEXT_MM / scale.pixel_on_paper_mm());
+    let text_px = of_paper.unwrap_or((f64::from(sheet.height) * TEXT_SHARE).max(12.0));
+    text_px.round().clamp(8.0, 2000.0)
+}
+
 /// Bar and caption at the lower left.
 fn annotate(
     sheet: &mut Sheet,
     figure: &FigureArgs,
-    shot: &Shot,
+    text_px: f64,
     framing: &Framing,
     unit: Unit,
-    dpi: Option<f64>,
 ) -> Outcome {
-    let of_paper = figure.scale.and(dpi).map(|dpi| TEXT_MM / 25.4 * dpi);
-    let text_px = of_paper.unwrap_or((f64::from(sheet.height) * TEXT_SHARE).max(12.0)).round();
-    let text_px = text_px.clamp(8.0, 2000.0);
     // Black on what is light, white on what is dark; nobody knows what is behind what is transparent.
     let is_dark =
         !sheet.transparent && sheet.paper.iter().map(|c| u32::from(*c)).sum::<u32>() < 384;
@@ -299,7 +309,8 @@ fn annotate(
         sheet.marks.push(font.line(&text, (margin.into(), y.into()), text_px, ink));
     }
     if figure.scale_bar {
-        let (pixel, place) = bar_for_plane(&shot.camera, framing, sheet.height);
+        let view = &sheet.views[0];
+        let (pixel, place) = bar_for_plane(&view.shot.camera, framing, view.height);
         let bar = ScaleBar::new(pixel, unit, sheet.width / 3, place).ok_or_else(|| {
             Failure::Usage("--scale-bar: the centre of the statue's bounds is not in view".into())
         })?;
