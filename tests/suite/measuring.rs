@@ -6,12 +6,15 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use hlod_compress::Unit;
+use hlod_render::framing::Framing;
 use hlod_render::leaves::Leaves;
 use hlod_render::measure::{
     Measured, Measurement, MeasurementKind, SurfacePoint, measure, nearest_point,
 };
 use hlod_render::pick::first_hit;
-use hlod_render::session::{self, Note, NoteShape, Session};
+use hlod_render::session::{
+    self, LightFrame, Looks, Note, NoteShape, SavedView, Session, Viewpoint,
+};
 use hlod_tests::{built, bumpy_ball, ply, program};
 
 /// The sides of the block, in mm.
@@ -146,7 +149,7 @@ fn areas_are_those_of_the_side_that_was_drawn_on() {
     assert!(of(&nothing).unwrap_err().to_string().contains("encloses nothing"));
 
     // The cap of a ball within a cone of 0.5: 2π(1 − cos 0.5), by a line of 48 corners.
-    let ball = Leaves::open(&file(folder.path(), "ball", &bumpy_ball(90))).unwrap();
+    let ball = Leaves::open(&file(folder.path(), "ball", &smooth_ball(90))).unwrap();
     let corners = (0..48).map(|i| {
         let phi = std::f64::consts::TAU * f64::from(i) / 48.0;
         let (sin, cos) = 0.5f64.sin_cos();
@@ -155,7 +158,16 @@ fn areas_are_those_of_the_side_that_was_drawn_on() {
     let corners: Vec<SurfacePoint> = corners.collect();
     let cap = measure(&ball, MeasurementKind::SurfaceArea, &corners).unwrap().value;
     let truth = std::f64::consts::TAU * (1.0 - 0.5f64.cos());
-    assert!((cap / truth - 1.0).abs() < 0.04, "{cap} {truth}");
+    assert!((cap / truth - 1.0).abs() < 0.005, "{cap} {truth}");
+}
+
+/// A ball of radius 1 as a file.
+fn smooth_ball(n: u32) -> String {
+    let soup: Vec<[DVec3; 3]> = parsed(&bumpy_ball(n));
+    let vertices: Vec<[f64; 3]> = soup.iter().flatten().map(|p| p.normalize().to_array()).collect();
+    let faces: Vec<[u32; 3]> =
+        (0..soup.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    ply(&vertices, &faces)
 }
 
 /// Vertices and triangles of an ASCII file as [`ply`] writes it.
@@ -182,7 +194,8 @@ fn places_are_as_far_from_the_scan_as_they_say_at_most() {
             scan.iter().filter_map(|t| meets(3.0 * towards, -towards, *t)).fold(f64::MAX, f64::min);
         // Along a ray that falls in steeply the file's rounding shows a little enlarged.
         assert!((hit.distance - met).abs() <= 2.0 * hit.error, "{k}: {} {met}", hit.distance);
-        assert!(hit.normal.dot(towards) > 0.0 && hit.error > 0.0 && hit.error < 1e-3);
+        assert!(hit.normal.dot(towards) > 0.0, "{k}: {}", hit.normal);
+        assert!(hit.error > 0.0 && hit.error < 5e-3, "{k}: {}", hit.error);
     }
     let nothing = first_hit(&leaves, DVec3::splat(3.0), DVec3::X).unwrap();
     assert!(nothing.is_none());
@@ -251,7 +264,8 @@ fn what_a_session_holds_is_measured_again_and_written_for_others() {
     assert_eq!(line["file_bound"].as_f64(), result.file_bound);
     assert_eq!((report["unit"].as_str(), report["scanner"].is_null()), (Some("mm"), true));
     let text = std::fs::read_to_string(csv).unwrap();
-    assert!(text.contains("\"width, \"\"front\"\"\",distance,40") && text.contains("not declared"));
+    let row = format!("\"width, \"\"front\"\"\",distance,{}", result.value);
+    assert!(text.contains(&row) && text.contains("not declared"), "{text}");
     let table = render(&["measure", &model, "--session", &path, "--scanner-u", "0.05"]).1;
     assert!(table.contains("0.05 (k = 2, command line)"), "{table}");
     assert!(table.contains("Not as the session has it: edited"), "{table}");
@@ -315,4 +329,70 @@ fn a_hundred_thousand_notes_are_read_and_written() {
     let path = folder.path().join("s.json");
     session::save(&session, &path).unwrap();
     assert_eq!(session::load(&path).unwrap(), session);
+}
+
+#[test]
+fn a_saved_view_gives_the_same_picture_every_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let leaves = block_leaves(folder.path());
+    let framing = Framing::of_header(leaves.header());
+    let camera = framing.fitting([0.3, 0.2, 1.0], 4.0 / 3.0, 35.0);
+    let mut session = Session::new(leaves.path(), leaves.header());
+    let looks = Looks { light_azimuth_deg: 60.0, light_frame: LightFrame::Object, ..session.looks };
+    let viewpoint = Viewpoint::new(&camera);
+    session.views = Arc::new(vec![SavedView { name: "the edge".into(), viewpoint, looks }]);
+    let path = folder.path().join("s.json");
+    session::save(&session, &path).unwrap();
+    let model = leaves.path().to_str().unwrap();
+    let shot = |name: &str, view: &str, more: &[&str]| {
+        let output = folder.path().join(name);
+        let arguments = ["--software", "shot", model, "-o", output.to_str().unwrap()];
+        let of_session = ["--session", path.to_str().unwrap(), "--view", view];
+        (render(&[&arguments[..], &of_session, more].concat()), output)
+    };
+    let ((status, _, err), first) = shot("a.png", "the edge", &[]);
+    assert_eq!(status, 0, "{err}");
+    let second = folder.path().join("b.png");
+    std::fs::rename(&first, &second).unwrap();
+    shot("a.png", "the edge", &[]);
+    assert_eq!(std::fs::read(&first).unwrap(), std::fs::read(&second).unwrap());
+    // It is the view that was saved, not the usual one.
+    let usual = folder.path().join("c.png");
+    render(&["--software", "shot", model, "-o", usual.to_str().unwrap()]);
+    assert!(image::open(&usual).unwrap() != image::open(&first).unwrap());
+
+    let ((status, _, why), _) = shot("d.png", "the hand", &[]);
+    assert!(status == 2 && why.contains("no view “the hand”; there are: the edge"), "{why}");
+    let ((status, _, _), _) = shot("d.png", "the edge", &["--light=0,0"]);
+    assert_eq!(status, 2, "one light or the other");
+}
+
+#[test]
+fn a_plate_has_the_section_beside_the_views_at_the_same_scale() {
+    let folder = tempfile::tempdir().unwrap();
+    let leaves = block_leaves(folder.path());
+    let model = leaves.path().to_str().unwrap();
+    let output = folder.path().join("plate.png");
+    let plate = ["--software", "plate", model, "-o", output.to_str().unwrap()];
+    // A pixel is a tenth of a millimetre.
+    let at_scale = ["--scale", "1:1", "--dpi", "254", "--views", "front", "--json"];
+    let (status, json, err) = render(&[&plate[..], &at_scale, &["--section", "z=1"]].concat());
+    assert_eq!(status, 0, "{err}");
+    let report: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let at = |i: usize| report["section_at"][i].as_u64().expect("it is on the page") as u32;
+    let page = image::open(&output).unwrap().to_rgb8();
+    let dark = |x: u32, y: u32| page.get_pixel(x, y).0[0] < 128;
+    // Its left and upper sides, its right and lower ones, and nothing in between.
+    let (x, y) = (at(0), at(1));
+    let near = |lines: [u32; 3], wanted: &dyn Fn(u32) -> bool| lines.iter().any(|l| wanted(*l));
+    for (column, is_side) in [(x, true), (x + 200, false), (x + 400, true)] {
+        let found = near([column - 1, column, column + 1], &|c| dark(c, y + 150));
+        assert_eq!(found, is_side, "column {column}");
+    }
+    for (row, is_side) in [(y, true), (y + 150, false), (y + 300, true)] {
+        let found = near([row - 1, row, row + 1], &|r| dark(x + 100, r));
+        assert_eq!(found, is_side, "row {row}");
+    }
+    let (status, _, why) = render(&[&plate[..], &at_scale, &["--section", "z=99"]].concat());
+    assert!(status == 1 && why.contains("meets nothing"), "{why}");
 }

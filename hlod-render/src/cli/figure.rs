@@ -12,10 +12,13 @@ use hlod_render::figure::{
     command_line, extent, fitting, light_dome, orthographic, save, turntable,
 };
 use hlod_render::framing::Framing;
+use hlod_render::leaves::Leaves;
 use hlod_render::scene::Shot;
+use hlod_render::section::{Plane, cut};
 use hlod_render::{Gpu, Model};
 
 use super::args::{self, Cli, DrawArgs, JsonArgs, ShotArgs};
+use super::section::plane;
 use super::work::saved_view;
 use super::{Failure, Outcome, open, print, progress_bar, shot, tables};
 
@@ -66,6 +69,9 @@ pub struct PlateArgs {
     /// Which views: some of front,left,back,right,top,bottom. Where they lie is as drawings have it.
     #[arg(long, value_name = "VIEWS", default_value = "front,left,back,right,top")]
     pub views: String,
+    /// A section beside the views, as of the command section: NX,NY,NZ,OFFSET or x=, y=, z=.
+    #[arg(long, value_name = "PLANE", value_parser = plane, allow_hyphen_values = true)]
+    pub section: Option<Plane>,
     /// Unit of the scan's coordinates, where the file does not say it.
     #[arg(long, value_name = "UNIT", value_parser = unit)]
     pub unit: Option<Unit>,
@@ -143,6 +149,18 @@ pub struct LightDomeArgs {
     pub supersampling: u32,
     #[command(flatten)]
     pub json: JsonArgs,
+}
+
+/// As the command line has it.
+fn plane_name(plane: &Plane) -> String {
+    let axes = [("x", plane.normal.x), ("y", plane.normal.y), ("z", plane.normal.z)];
+    match axes.iter().find(|(_, along)| *along == 1.0) {
+        Some((name, _)) => format!("{name} = {}", plane.offset),
+        None => {
+            let n = plane.normal;
+            format!("{:.4}, {:.4}, {:.4}, {:.4}", n.x, n.y, n.z, plane.offset)
+        }
+    }
 }
 
 fn unit(text: &str) -> Result<Unit, String> {
@@ -361,7 +379,19 @@ pub fn run_plate(cli: &Cli, args: &PlateArgs) -> Outcome {
     let plate = Plate { sides, scale, unit, title, transparent, supersampling };
     let front = opened.framing.fitting([0.0, 0.0, 1.0], 1.0, 35.0);
     let shot = shot(&draw, front, &opened.framing)?;
-    let (sheet, laid) = plate.lay_out(&opened.framing, &shot)?;
+    let (mut sheet, laid) = plate.lay_out(&opened.framing, &shot)?;
+    let mut section_at = None;
+    if let Some(plane) = &args.section {
+        let section = cut(&Leaves::open(&args.file)?, plane, None)?;
+        let name = format!("section {}", plane_name(plane));
+        let drawn = (&section, name.as_str());
+        section_at = plate.add_section(&mut sheet, &laid, drawn, &opened.framing)?;
+        if section_at.is_none() {
+            let why = format!("--section: the plane meets nothing of {}", args.file.display());
+            return Err(Failure::Work(why));
+        }
+        opened.provenance.add("section", &plane_name(plane));
+    }
     let provenance = &mut opened.provenance;
     let views: Vec<&str> = laid.iter().map(|l| l.side.name()).collect();
     provenance.add("scale", &format!("{} at {} dpi", scale.name(), scale.dpi));
@@ -383,7 +413,7 @@ pub fn run_plate(cli: &Cli, args: &PlateArgs) -> Outcome {
     let result = serde_json::json!({
         "output": args.output, "adapter": opened.gpu.describe(), "width": sheet.width,
         "height": sheet.height, "scale": scale.name(), "dpi": args.dpi, "unit": unit.name(),
-        "pixel_mm": scale.pixel_mm(), "tau_px": shot.error_threshold_px, "views": views,
+        "pixel_mm": scale.pixel_mm(), "tau_px": shot.error_threshold_px, "section_at": section_at, "views": views,
         "triangles": drawn.triangles, "points": drawn.points, "nodes": drawn.nodes,
         "parts": drawn.parts, "problems": problems,
     });

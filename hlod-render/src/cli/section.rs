@@ -266,7 +266,7 @@ fn short(value: f64) -> String {
     format!("{value:.digits$}")
 }
 
-fn plane(text: &str) -> Result<Plane, String> {
+pub fn plane(text: &str) -> Result<Plane, String> {
     let plane = match text.split_once('=') {
         Some((axis, offset)) => {
             let axis = ["x", "y", "z"].iter().position(|name| *name == axis.trim());

@@ -10,6 +10,7 @@ mod file;
 mod font;
 pub mod light_dome;
 mod marks;
+mod outline;
 pub mod plate;
 mod provenance;
 pub mod scale;

@@ -11,6 +11,7 @@ use hlod_compress::Unit;
 use super::camera::{extent, orthographic};
 use super::font::Font;
 use super::marks::Mark;
+use super::outline::outline;
 use super::provenance::software;
 use super::scale::Scale;
 use super::scale_bar::ScaleBar;
@@ -19,6 +20,7 @@ use crate::camera::Camera;
 use crate::error::RenderError;
 use crate::framing::Framing;
 use crate::scene::{Light, Shot};
+use crate::section::Section;
 
 /// Free paper round the page, between views, and round what is drawn in each, mm.
 const MARGIN_MM: f64 = 8.0;
@@ -32,6 +34,8 @@ const FOOTER_MM: f64 = 3.0;
 const WIDTH_MIN_MM: f64 = 80.0;
 /// A scale bar is no longer than this.
 const BAR_MM: f64 = 60.0;
+/// Width of a section's lines, mm.
+const LINE_MM: f64 = 0.25;
 const INK: [u8; 3] = [20, 20, 20];
 
 /// A side that a plate shows.
@@ -173,6 +177,62 @@ impl Plate {
         self.add_footer(&mut sheet, &font, pixel, &px);
         sheet.check()?;
         Ok((sheet, laid))
+    }
+
+    /// Adds a section at the same scale, to the right of everything, and where it is upright at the
+    /// height that it has in the views beside it. Returns where its bounds begin on the page, from the
+    /// left and from above; `None` where the plane met nothing.
+    ///
+    /// # Errors
+    /// When the unit is unknown, or the page becomes larger than can be drawn.
+    pub fn add_section(
+        &self,
+        sheet: &mut Sheet,
+        laid: &[Laid],
+        (section, name): (&Section, &str),
+        framing: &Framing,
+    ) -> Result<Option<(u32, u32)>, RenderError> {
+        let pixel = self.scale.pixel_in(self.unit)?;
+        let px = |mm: f64| (mm / self.scale.pixel_on_paper_mm()).round().max(1.0) as u32;
+        let width = (LINE_MM / self.scale.pixel_on_paper_mm()).max(1.0);
+        let Some(([low, _], (mut mark, round))) =
+            section.bounds().zip(outline(section, pixel, width, INK))
+        else {
+            return Ok(None);
+        };
+        let row = laid.iter().filter(|l| !matches!(l.side, Side::Top | Side::Bottom));
+        let base = row.map(|l| l.view.y + l.view.height - px(ROUND_MM)).max();
+        let base = base.unwrap_or_else(|| px(MARGIN_MM) + mark.height);
+        // How far it begins above the statue's lowest point.
+        let up = framing.axes[1];
+        let statue_low = framing.bounds.0.dot(up).min(framing.bounds.1.dot(up));
+        let is_upright = section.frame.v.dot(up) > 0.999;
+        let raised = if is_upright {
+            let lowest = section.frame.to_space(low).dot(up);
+            ((lowest - statue_low) / pixel).round().max(0.0)
+        } else {
+            0.0
+        };
+        let content = laid.iter().map(|l| l.view.x + l.view.width).max().unwrap_or(0);
+        let x = content.max(px(MARGIN_MM)) + px(GAP_MM);
+        let bottom = i64::from(base) - raised as i64 + i64::from(round);
+        let y = (bottom - i64::from(mark.height)).max(px(MARGIN_MM).into());
+        (mark.x, mark.y) = (x.into(), y);
+        let corner = (x + round, y as u32 + round);
+        sheet.width = sheet.width.max(x + mark.width + px(MARGIN_MM));
+        sheet.height = sheet.height.max(y as u32 + mark.height + px(LABEL_MM) * 2 + px(MARGIN_MM));
+
+        let font = Font::new()?;
+        let height = f64::from(px(LABEL_MM));
+        let name = font.fitted(name, height, mark.width.max(px(WIDTH_MIN_MM / 2.0)));
+        let at = x + mark.width.saturating_sub(font.width(&name, height)) / 2;
+        let below = i64::from(base).max(y + i64::from(mark.height)) + i64::from(px(ROUND_MM));
+        let below = below + i64::from(px(LABEL_MM) / 4);
+        sheet.width = sheet.width.max(at + font.width(&name, height) + px(MARGIN_MM));
+        sheet.marks.push(mark);
+        sheet.marks.push(font.line(&name, (at.into(), below), height, INK));
+        sheet.check()?;
+        Ok(Some(corner))
     }
 
     fn view(
