@@ -557,7 +557,7 @@ pub(crate) fn uniform(
         skirt: Vec4::ZERO,
         light_from_model: Mat4::IDENTITY,
         shadow: Vec4::new(flag(shot.shadow != Shadow::None), 0.0, 0.0, 0.0),
-        bias: Vec4::ZERO,
+        bias: Vec4::new(0.0, flag(window.is_part), 0.0, 0.0),
         points: points_uniform(&clip_from_model, parallel, 0.0),
         shading: Vec4::new(shot.material.ambient, flag(has_colours), flag(shot.backs_magenta), 1.0),
         // Known when all that is seen is.

@@ -21,7 +21,7 @@ struct Frame {
     // x: 1 where occlusion is known. Of the light's face: y: least w that is drawn; z: largest
     // |x| / w and |y| / w, 0 for no limit; w: radius of the disc, or of parallel light its tangent.
     shadow: vec4<f32>,
-    // x: what rounding may do to positions, world space.
+    // x: what rounding may do to positions, world space; y: 1 where parts of a picture must agree.
     bias: vec4<f32>,
     // Points: model lengths of clip.x, of clip.y, and of clip.w (in parallel views of clip.z), and of a
     // lattice step.

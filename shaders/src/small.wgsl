@@ -38,7 +38,9 @@ const LEVEL_SHIFT: u32 = 29u;
 const POINT_EXTENT_MAX: f32 = 24.0;
 const SUBPIXELS: f32 = 256.0;
 // Larger triangles, in sub-pixels, are fixed function's: its edges would overflow here, too.
-const EXTENT_MAX: i32 = 8192;
+const EXTENT_MAX: f32 = 8192.0;
+// The same where what is larger goes to `spread`, which is slow. Twice its square is still an i32.
+const EXTENT_MAX_OF_PARTS: f32 = 24000.0;
 
 // First and last pixel of the part of the picture that is drawn.
 fn window_low() -> vec2<i32> {
@@ -127,7 +129,14 @@ fn small_triangle(chunk: Chunk, triangle: u32) {
     let fc = c.xy / c.w * scale + middle;
     let low = min(min(fa, fb), fc);
     let high = max(max(fa, fb), fc);
-    to_fixed = to_fixed || !all(high - low < vec2(f32(EXTENT_MAX - 2)));
+    let extent_max = select(EXTENT_MAX, EXTENT_MAX_OF_PARTS, frame.bias.y > 0.5);
+    // Beside the part of the picture that is drawn; the ends of what is clipped are elsewhere.
+    let beside = any(high < vec2<f32>(window_low()) * SUBPIXELS)
+        || any(low > vec2<f32>(window_high() + 1) * SUBPIXELS);
+    if beside && !to_fixed {
+        return;
+    }
+    to_fixed = to_fixed || !all(high - low < vec2(extent_max - 2.0));
     if to_fixed {
         let slot = chunk.large + atomicAdd(&draws[4u * chunk.draw], 3u) / 3u;
         large[slot] = triangle | (chunk.count & CULLED);

@@ -178,6 +178,33 @@ fn figures_show_what_pictures_in_one_piece_show() {
 }
 
 #[test]
+fn triangles_larger_than_parts_are_the_same_in_each() {
+    let corner = |i: u32| [0, 1, 2].map(|axis| f64::from(i >> axis & 1));
+    let faces = [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4]];
+    // Without one side, so that the others are seen from within.
+    let more = [[2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6]];
+    let cube = ply(&[0, 1, 2, 3, 4, 5, 6, 7].map(corner), &[&faces[..], &more].concat());
+    let mut s = scene(&cube, 1000);
+    let plain = shot(&s.framing, Representation::Hybrid);
+    // Before it, inside it, and so near a side that the near plane cuts it.
+    for (eye, target) in [
+        ([0.9, 0.7, 1.2], [0.0; 3]),
+        ([0.3, -0.2, 0.4], [-0.5, 0.1, -0.5]),
+        ([0.0, 0.5002, 0.1], [0.5, 0.4, 0.5]),
+    ] {
+        let camera = s.framing.camera(s.framing.point(eye), s.framing.point(target), 70.0);
+        let shot = Shot { camera, shadow: Shadow::Hard, ..plain };
+        let whole = pictures_of(&mut s, &shot, 2, None);
+        let parts = pictures_of(&mut s, &shot, 2, Some(31));
+        assert_eq!(different(&whole, &parts), 0, "{eye:?}");
+        let (fixed, _) = take(&s.gpu, &mut s.models, &shot, 150, 110, 2).unwrap();
+        let roundings = different(&whole, &fixed);
+        assert!(roundings < 150, "{eye:?}: {roundings}");
+        assert!(different(&shifted(&whole), &fixed) > 2 * roundings + 100, "{eye:?}");
+    }
+}
+
+#[test]
 fn nothing_is_transparent_and_edges_have_no_fringe() {
     let mut s = scene(&bumpy_ball(60), 4000);
     let mut shot = shot(&s.framing, Representation::Hybrid);

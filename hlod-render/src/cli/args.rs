@@ -11,7 +11,7 @@ use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
 use hlod_render::scene::{CASTER_THRESHOLD_PX, Light, Paint, Representation, Shadow};
 use hlod_render::{AdapterChoice, Gpu, ModelLimits, RenderError};
 
-use super::figure::{FigureArgs, LightDomeArgs, PlateArgs, TurntableArgs};
+use super::figure_args::{FigureArgs, LightDomeArgs, PlateArgs, TurntableArgs};
 
 /// Show .hlod files, measure how fast and check how truthfully.
 #[derive(Parser)]

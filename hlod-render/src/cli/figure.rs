@@ -1,12 +1,11 @@
 //! Commands that make figures: shot, plate, turntable, light-dome.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use clap::Args;
 use hlod_compress::Unit;
 use hlod_render::camera::{Camera, Projection};
 use hlod_render::figure::plate::{Plate, Side};
-use hlod_render::figure::scale::{Scale, millimetres, parse_dpi, parse_reduction, unit_of};
+use hlod_render::figure::scale::{Scale, millimetres, unit_of};
 use hlod_render::figure::{
     Drawn, Font, Provenance, ScaleBar, Series, Sheet, bar_for_plane, check_folder, check_output,
     command_line, extent, fitting, light_dome, orthographic, save, turntable,
@@ -18,7 +17,7 @@ use hlod_render::section::{Plane, cut};
 use hlod_render::{Gpu, Model};
 
 use super::args::{self, Cli, DrawArgs, JsonArgs, ShotArgs};
-use super::section::plane;
+use super::figure_args::{FigureArgs, LightDomeArgs, PlateArgs, TurntableArgs};
 use super::work::saved_view;
 use super::{Failure, Outcome, open, print, progress_bar, shot, tables};
 
@@ -26,153 +25,6 @@ use super::{Failure, Outcome, open, print, progress_bar, shot, tables};
 const TEXT_SHARE: f64 = 1.0 / 36.0;
 /// Of lines of text on paper, mm: 10 points.
 const TEXT_MM: f64 = 3.5;
-
-/// Pictures for print.
-#[derive(Args)]
-pub struct FigureArgs {
-    /// Parallel projection: nothing is smaller for being farther away.
-    #[arg(long)]
-    pub ortho: bool,
-    /// Length on paper : length of the statue, as in 1:5; needs --ortho.
-    #[arg(long, value_name = "P:S", value_parser = parse_reduction, requires = "ortho")]
-    pub scale: Option<f64>,
-    /// Pixels in an inch of paper, which the file says too [default with --scale: 300].
-    #[arg(long, value_name = "DPI", value_parser = parse_dpi)]
-    pub dpi: Option<f64>,
-    /// Unit of the scan's coordinates, where the file does not say it.
-    #[arg(long, value_name = "UNIT", value_parser = unit)]
-    pub unit: Option<Unit>,
-    /// Leave the background transparent.
-    #[arg(long)]
-    pub transparent: bool,
-    /// Draw a bar of a round length at the lower left.
-    #[arg(long)]
-    pub scale_bar: bool,
-    /// A line of text at the lower left.
-    #[arg(long, value_name = "TEXT")]
-    pub caption: Option<String>,
-}
-
-#[derive(Args)]
-pub struct PlateArgs {
-    /// The .hlod file, or its address on a web server.
-    pub file: PathBuf,
-    /// The PNG or TIFF file (.tif) to write; an existing one is replaced.
-    #[arg(long, short)]
-    pub output: PathBuf,
-    /// Length on paper : length of the statue, as in 1:5.
-    #[arg(long, value_name = "P:S", value_parser = parse_reduction)]
-    pub scale: f64,
-    /// Pixels in an inch of paper.
-    #[arg(long, value_name = "DPI", value_parser = parse_dpi, default_value = "300")]
-    pub dpi: f64,
-    /// Which views: some of front,left,back,right,top,bottom. Where they lie is as drawings have it.
-    #[arg(long, value_name = "VIEWS", default_value = "front,left,back,right,top")]
-    pub views: String,
-    /// A section beside the views, as of the command section: NX,NY,NZ,OFFSET or x=, y=, z=.
-    #[arg(long, value_name = "PLANE", value_parser = plane, allow_hyphen_values = true)]
-    pub section: Option<Plane>,
-    /// Unit of the scan's coordinates, where the file does not say it.
-    #[arg(long, value_name = "UNIT", value_parser = unit)]
-    pub unit: Option<Unit>,
-    /// Title below the views [default: the file's name].
-    #[arg(long)]
-    pub title: Option<String>,
-    /// No white paper.
-    #[arg(long)]
-    pub transparent: bool,
-    #[command(flatten)]
-    pub precision: args::PrecisionArgs,
-    /// Shadows, as of shot.
-    #[arg(long, value_enum, default_value = "none")]
-    pub shadow: args::ShadowArg,
-    /// Average N × N samples a pixel, for smooth edges.
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=8))]
-    pub supersampling: u32,
-    #[command(flatten)]
-    pub json: JsonArgs,
-}
-
-#[derive(Args)]
-pub struct TurntableArgs {
-    /// The .hlod file, or its address on a web server.
-    pub file: PathBuf,
-    /// The folder to write; there must not be any yet, or an empty one.
-    #[arg(long, short)]
-    pub output: PathBuf,
-    /// How many pictures for one turn.
-    #[arg(long, default_value_t = 36, value_parser = clap::value_parser!(u32).range(1..=9999))]
-    pub frames: u32,
-    /// How far above the horizon the camera is, in degrees.
-    #[arg(long, value_name = "DEG", default_value_t = 10.0, value_parser = elevation, allow_hyphen_values = true)]
-    pub elevation: f64,
-    /// Parallel projection, at one scale.
-    #[arg(long)]
-    pub ortho: bool,
-    /// Leave the background transparent.
-    #[arg(long)]
-    pub transparent: bool,
-    #[command(flatten)]
-    pub draw: DrawArgs,
-    /// Average N × N samples a pixel, for smooth edges.
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=8))]
-    pub supersampling: u32,
-    #[command(flatten)]
-    pub json: JsonArgs,
-}
-
-#[derive(Args)]
-#[command(after_help = "\
-The lights are parallel, evenly spread over the hemisphere before the camera on a Fibonacci spiral, and \
-replace --light. Pictures are of Lambert's law alone, without highlights and ambient light, whatever shot \
-shows, and coded by the sRGB curve: undo it before values are compared. light-dome.lp has the number of \
-pictures, then for each its name and the light's unit vector: x right, y up, z towards the viewer.")]
-pub struct LightDomeArgs {
-    /// The .hlod file, or its address on a web server.
-    pub file: PathBuf,
-    /// The folder to write; there must not be any yet, or an empty one.
-    #[arg(long, short)]
-    pub output: PathBuf,
-    /// How many lights.
-    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=9999))]
-    pub lights: u32,
-    /// From where, as of shot.
-    #[arg(long, default_value = "front", allow_hyphen_values = true)]
-    pub camera: String,
-    /// Parallel projection.
-    #[arg(long)]
-    pub ortho: bool,
-    #[command(flatten)]
-    pub draw: DrawArgs,
-    /// Average N × N samples a pixel, for smooth edges.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
-    pub supersampling: u32,
-    #[command(flatten)]
-    pub json: JsonArgs,
-}
-
-/// As the command line has it.
-fn plane_name(plane: &Plane) -> String {
-    let axes = [("x", plane.normal.x), ("y", plane.normal.y), ("z", plane.normal.z)];
-    match axes.iter().find(|(_, along)| *along == 1.0) {
-        Some((name, _)) => format!("{name} = {}", plane.offset),
-        None => {
-            let n = plane.normal;
-            format!("{:.4}, {:.4}, {:.4}, {:.4}", n.x, n.y, n.z, plane.offset)
-        }
-    }
-}
-
-fn unit(text: &str) -> Result<Unit, String> {
-    text.parse()
-}
-
-fn elevation(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if (-85.0..=85.0).contains(&value) => Ok(value),
-        _ => Err("expected -85 to 85 degrees".into()),
-    }
-}
 
 /// A model that is open, and what is needed to draw it.
 struct Opened {
@@ -521,4 +373,16 @@ fn finish_series(
     });
     let count = shots.len();
     print(json, &result, || tables::series(output, count, &opened.gpu))
+}
+
+/// As the command line has it.
+fn plane_name(plane: &Plane) -> String {
+    let axes = [("x", plane.normal.x), ("y", plane.normal.y), ("z", plane.normal.z)];
+    match axes.iter().find(|(_, along)| *along == 1.0) {
+        Some((name, _)) => format!("{name} = {}", plane.offset),
+        None => {
+            let n = plane.normal;
+            format!("{:.4}, {:.4}, {:.4}, {:.4}", n.x, n.y, n.z, plane.offset)
+        }
+    }
 }

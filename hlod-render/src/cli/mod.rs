@@ -2,6 +2,7 @@
 
 pub mod args;
 mod figure;
+mod figure_args;
 mod outcome;
 pub mod section;
 mod tables;

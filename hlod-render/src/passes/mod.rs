@@ -42,7 +42,7 @@ pub struct FrameUniform {
     pub light_from_model: Mat4,
     /// Whether occlusion is known; of a light's face: least w, largest tangent or 0.
     pub shadow: Vec4,
-    /// What rounding may do to positions, world space.
+    /// What rounding may do to positions, world space; whether parts of a picture must agree.
     pub bias: Vec4,
     /// Points: model lengths of clip.x, of clip.y, and of clip.w or, in parallel views, clip.z; and of a
     /// lattice step.

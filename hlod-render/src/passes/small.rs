@@ -11,8 +11,8 @@ use super::{
 use crate::gpu::Gpu;
 
 /// Workgroups among which what is large is divided, and those among which its rows are.
-const SPREAD_GROUPS: u32 = 64;
-const SPREAD_STRIPES: u32 = 8;
+const SPREAD_GROUPS: u32 = 256;
+const SPREAD_STRIPES: u32 = 4;
 
 pub(super) struct SmallTriangles {
     small: wgpu::ComputePipeline,
