@@ -226,8 +226,9 @@ impl Plate {
         let height = f64::from(px(LABEL_MM));
         let name = font.fitted(name, height, mark.width.max(px(WIDTH_MIN_MM / 2.0)));
         let at = x + mark.width.saturating_sub(font.width(&name, height)) / 2;
-        let below = i64::from(base).max(y + i64::from(mark.height)) + i64::from(px(ROUND_MM));
-        let below = below + i64::from(px(LABEL_MM) / 4);
+        // As low as the views' own names, unless the section reaches farther down.
+        let lowest = i64::from(base).max(y + i64::from(mark.height - round));
+        let below = lowest + i64::from(px(ROUND_MM) + px(LABEL_MM) / 4);
         sheet.width = sheet.width.max(at + font.width(&name, height) + px(MARGIN_MM));
         sheet.marks.push(mark);
         sheet.marks.push(font.line(&name, (at.into(), below), height, INK));

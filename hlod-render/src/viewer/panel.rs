@@ -88,7 +88,9 @@ pub fn show(
         });
     }
     let rect = whole_pixels(ui.available_rect_before_wrap(), ui.pixels_per_point());
-    overlay::draw(ui.painter(), rect, lens, work);
+    if settings.marks_shown {
+        overlay::draw(ui.painter(), rect, lens, work);
+    }
     status_line(ui, rect, readings);
     corner_buttons(ui, rect, settings, &mut wishes.actions);
     if settings.help_open {
@@ -235,9 +237,15 @@ fn raking(ui: &mut Ui, settings: &mut Settings, wishes: &mut Wishes) {
         }
         return;
     };
-    let over = Slider::new(&mut raking.elevation_deg, RAKING_DEG).suffix("°").max_decimals(0);
+    let over = Slider::new(&mut raking.elevation_deg, RAKING_DEG)
+        .suffix("°")
+        .max_decimals(0)
+        .clamping(egui::SliderClamping::Edits);
     wishes.raking_changed |= ui.add(over.text("over the surface")).changed();
-    let round = Slider::new(&mut raking.azimuth_deg, 0.0..=360.0).suffix("°").max_decimals(0);
+    let round = Slider::new(&mut raking.azimuth_deg, 0.0..=360.0)
+        .suffix("°")
+        .max_decimals(0)
+        .clamping(egui::SliderClamping::Edits);
     wishes.raking_changed |= ui
         .add(round.text("round it"))
         .on_hover_text("comma and full stop turn it by 10°")
@@ -245,7 +253,12 @@ fn raking(ui: &mut Ui, settings: &mut Settings, wishes: &mut Wishes) {
 }
 
 fn angle(value: &mut f64, most: f64) -> Slider<'_> {
-    Slider::new(value, -most..=most).suffix("°").max_decimals(0).step_by(1.0)
+    // Values between whole degrees stay until someone moves them.
+    Slider::new(value, -most..=most)
+        .suffix("°")
+        .max_decimals(0)
+        .step_by(1.0)
+        .clamping(egui::SliderClamping::Edits)
 }
 
 fn looks(ui: &mut Ui, settings: &mut Settings) {
@@ -261,6 +274,8 @@ fn looks(ui: &mut Ui, settings: &mut Settings) {
     ui.horizontal(|ui| {
         ui.color_edit_button_rgb(&mut settings.background);
         ui.label("background");
+        ui.checkbox(&mut settings.marks_shown, "marks")
+            .on_hover_text("what was measured, cut and noted, over the picture");
     });
 }
 

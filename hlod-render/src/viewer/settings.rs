@@ -36,6 +36,8 @@ pub struct Settings {
     pub panel_open: bool,
     /// Whether the help is shown.
     pub help_open: bool,
+    /// Whether what was measured, cut and noted is drawn over the picture.
+    pub marks_shown: bool,
 }
 
 impl Default for Settings {
@@ -53,6 +55,7 @@ impl Default for Settings {
             background: BACKGROUND.to_array(),
             panel_open: true,
             help_open: false,
+            marks_shown: true,
         }
     }
 }

@@ -9,7 +9,7 @@ use super::overlay::caption;
 use super::tool::Task;
 use super::{Change, SECTION_COLOURS, SECTIONS_MAX, Work};
 use crate::section::{Measures, Plane};
-use crate::session::{LightFrame, Note, Session};
+use crate::session::{LightFrame, Note, ScannerUncertainty, Session};
 use crate::viewer::bindings::Action;
 
 /// Height of a list before it scrolls, in points.
@@ -108,6 +108,11 @@ pub fn measurements(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
     tools(ui, work, wishes, |task| matches!(task, Task::Measure(_)));
     let measurements = work.session().measurements.clone();
     rows(ui, "measurements", measurements.len(), |ui, i| {
+        if remove(ui) {
+            wishes.change("remove measurement", move |s| {
+                drop(Arc::make_mut(&mut s.measurements).remove(i));
+            });
+        }
         let measurement = &measurements[i];
         let text = RichText::new(caption(measurement, &work.unit)).monospace().size(SMALL);
         let mut hover = measurement.name.clone();
@@ -120,11 +125,6 @@ pub fn measurements(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
             hover += &format!("\na pixel was {pixel:.4} {} when it was clicked", work.unit);
         }
         ui.add(egui::Label::new(text).truncate()).on_hover_text(hover);
-        if remove(ui) {
-            wishes.change("remove measurement", move |s| {
-                drop(Arc::make_mut(&mut s.measurements).remove(i));
-            });
-        }
     });
     let scanner = match &work.session().scanner {
         Some(u) => format!("scanner: U = {} (k = {}), {}", u.expanded, u.k, u.source),
