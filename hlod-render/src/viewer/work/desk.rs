@@ -130,9 +130,36 @@ pub fn measurements(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
         Some(u) => format!("scanner: U = {} (k = {}), {}", u.expanded, u.k, u.source),
         None => "scanner's uncertainty: not declared".to_owned(),
     };
-    ui.label(RichText::new(scanner).size(SMALL)).on_hover_text(
-        "± is how far the scan file itself may be; the scanner's own is never added",
-    );
+    let hover = "± is how far the scan file itself may be; the scanner's own is never added";
+    let title = RichText::new(scanner).size(SMALL);
+    let open = egui::CollapsingHeader::new(title).id_salt("scanner").default_open(false);
+    open.show(ui, |ui| declared(ui, work, wishes)).header_response.on_hover_text(hover);
+}
+
+/// Declares the scanner's uncertainty, or takes that back.
+fn declared(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
+    let before = work.session().scanner.clone();
+    let Some(mut scanner) = before.clone() else {
+        if ui.button("Declare it").clicked() {
+            let scanner = ScannerUncertainty { expanded: 0.05, k: 2.0, source: String::new() };
+            wishes.change("declare uncertainty", move |s| s.scanner = Some(scanner));
+        }
+        return;
+    };
+    ui.horizontal(|ui| {
+        ui.label("U");
+        ui.add(DragValue::new(&mut scanner.expanded).speed(0.001).range(0.0..=1e6).max_decimals(6));
+        ui.label(format!("{}, k", work.unit));
+        ui.add(DragValue::new(&mut scanner.k).speed(0.01).range(0.1..=10.0));
+        if remove(ui) {
+            wishes.change("take uncertainty back", |s| s.scanner = None);
+        }
+    });
+    let field = TextEdit::singleline(&mut scanner.source);
+    ui.add(field.hint_text("who says so").desired_width(190.0));
+    if before.as_ref() != Some(&scanner) {
+        wishes.adjust("uncertainty", move |s| s.scanner = Some(scanner));
+    }
 }
 
 /// Planes that cut the statue.
