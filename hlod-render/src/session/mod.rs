@@ -36,7 +36,7 @@ const TEXT_BYTES_MAX: usize = 1 << 20;
 
 /// Everything that is kept of the work on one statue. Lists are shared, so that a copy, as undoing
 /// needs one a step, costs next to nothing.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Session {
     /// [`VERSION`].
@@ -240,6 +240,24 @@ impl NoteShape {
             NoteShape::Polyline => 2,
             NoteShape::Region => 3,
         }
+    }
+}
+
+/// Lists that are shared are equal without being looked at: this is asked every frame.
+impl PartialEq for Session {
+    fn eq(&self, other: &Session) -> bool {
+        fn same<T: PartialEq>(a: &Arc<Vec<T>>, b: &Arc<Vec<T>>) -> bool {
+            Arc::ptr_eq(a, b) || a == b
+        }
+        let Session { version, model, scanner, looks, views, measurements, sections, notes } = self;
+        *version == other.version
+            && *model == other.model
+            && *scanner == other.scanner
+            && *looks == other.looks
+            && same(views, &other.views)
+            && same(measurements, &other.measurements)
+            && same(sections, &other.sections)
+            && same(notes, &other.notes)
     }
 }
 

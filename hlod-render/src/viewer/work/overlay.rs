@@ -1,5 +1,8 @@
 //! What was measured, cut and noted, drawn over the statue's picture.
 
+use std::cell::RefCell;
+use std::collections::HashSet;
+
 use egui::{Color32, FontId, Painter, Pos2, Rect, Stroke, pos2, vec2};
 use glam::DVec3;
 
@@ -10,13 +13,16 @@ use crate::session::NoteShape;
 
 const MEASURED: Color32 = Color32::from_rgb(240, 228, 66);
 const PICKED: Color32 = Color32::WHITE;
+/// Width and height of the cells of which each has one mark, or one label, in points.
+const MARK_CELL: (f32, f32) = (2.0, 2.0);
+const LABEL_CELL: (f32, f32) = (24.0, 12.0);
 /// Lines are not finer than this on the screen, in points.
 const LINE_STEP: f32 = 0.75;
 
 /// Draws it into `rect`, where the statue's picture is.
 pub fn draw(painter: &Painter, rect: Rect, lens: &Lens, work: &Work) {
     let painter = painter.with_clip_rect(rect);
-    let canvas = Canvas { painter, rect, lens: *lens };
+    let canvas = Canvas { painter, rect, lens: *lens, taken: RefCell::default() };
     for (number, outline) in work.outlines.iter().enumerate() {
         let [r, g, b] = SECTION_COLOURS[number.min(SECTION_COLOURS.len() - 1)];
         let Some(section) = outline.as_ref().and_then(|o| o.section.as_ref()) else { continue };
@@ -72,6 +78,8 @@ struct Canvas {
     painter: Painter,
     rect: Rect,
     lens: Lens,
+    /// Places that have a mark or a label: where there are thousands, those beneath are not drawn.
+    taken: RefCell<HashSet<(i32, i32)>>,
 }
 
 impl Canvas {
@@ -83,6 +91,15 @@ impl Canvas {
         // Far beyond the screen is as good as anywhere there.
         let place = |share: f64, size: f64| (share * size).clamp(-1e5, 1e5) as f32;
         Some(self.rect.min + vec2(place(share.x, width), place(share.y, height)))
+    }
+
+    /// Whether a place was free, which then is taken. Places are cells of this size; cells of different
+    /// sizes do not disturb each other.
+    fn is_free(&self, place: Pos2, (width, height): (f32, f32)) -> bool {
+        let cell = ((place.x / width) as i32, (place.y / height) as i32);
+        // Sizes are told apart by where they are counted from.
+        let cell = (cell.0 + 100_000 * width as i32, cell.1);
+        self.taken.borrow_mut().insert(cell)
     }
 
     fn is_seen(&self, place: Pos2) -> bool {
@@ -125,14 +142,17 @@ impl Canvas {
             self.line(places(), closed, colour);
         }
         for place in points.iter().filter_map(|p| self.screen(p.place())) {
-            if self.is_seen(place) {
+            if self.is_seen(place) && self.is_free(place, MARK_CELL) {
                 self.painter.circle(place, 3.5, colour, Stroke::new(1.0, Color32::BLACK));
             }
         }
     }
 
     fn label(&self, at: DVec3, text: &str, colour: Color32) {
-        let Some(place) = self.screen(at).filter(|place| self.is_seen(*place)) else { return };
+        let place = self.screen(at);
+        let Some(place) = place.filter(|p| self.is_seen(*p) && self.is_free(*p, LABEL_CELL)) else {
+            return;
+        };
         let font = FontId::proportional(13.0);
         let galley = self.painter.layout_no_wrap(text.to_owned(), font, colour);
         let at = place + vec2(8.0, -galley.size().y - 4.0);
