@@ -69,13 +69,18 @@ pub fn built(input: &Path, output: &Path, change: impl FnOnce(&mut BuildOptions)
 
 /// A closed ball of radius 1 with gentle bumps, about `2 · n²` triangles, as an ASCII PLY.
 pub fn bumpy_ball(n: u32) -> String {
+    ball(n, 0.02)
+}
+
+/// The same with bumps so high; 0 for a smooth ball.
+pub fn ball(n: u32, bumps: f64) -> String {
     let mut vertices = vec![[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]];
     let ring = |i: u32, j: u32| 2 + (i - 1) * n + j % n;
     for i in 1..n {
         for j in 0..n {
             let theta = std::f64::consts::PI * f64::from(i) / f64::from(n);
             let phi = std::f64::consts::TAU * f64::from(j) / f64::from(n);
-            let r = 1.0 + 0.02 * (9.0 * phi).sin() * (7.0 * theta).sin();
+            let r = 1.0 + bumps * (9.0 * phi).sin() * (7.0 * theta).sin();
             vertices.push([
                 r * theta.sin() * phi.sin(),
                 r * theta.cos(),

@@ -14,7 +14,7 @@ use hlod_render::framing::Framing;
 use hlod_render::picture::{Picture, take};
 use hlod_render::scene::{Light, Paint, Representation, Shadow, Shot, light_from_angles};
 use hlod_render::{Gpu, Model, ModelLimits};
-use hlod_tests::{built, bumpy_ball, gpu, ply, program};
+use hlod_tests::{ball, built, bumpy_ball, gpu, ply, program};
 
 use crate::pictures::shot;
 use crate::points::ball_cloud;
@@ -296,7 +296,7 @@ fn a_plate_is_to_scale() {
 #[test]
 fn photometric_stereo_finds_the_normals_of_a_ball() {
     // Fine enough that facets' own normals are the ball's.
-    let mut s = scene(&smooth_ball(120), 20_000);
+    let mut s = scene(&ball(120, 0.0), 20_000);
     let camera = orthographic(&s.framing, DVec3::Z, DVec3::Y, 2.2);
     let plain = Shot { camera, ..shot(&s.framing, Representation::Full) };
     let directions = light_dome::directions(24);
@@ -347,30 +347,6 @@ fn normal(lights: &[DVec3], pictures: &[Picture], at: usize, power: f32) -> Vec3
         }
     }
     (sum.inverse() * right).normalize()
-}
-
-fn smooth_ball(n: u32) -> String {
-    let mut vertices = vec![[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]];
-    let ring = |i: u32, j: u32| 2 + (i - 1) * n + j % n;
-    for i in 1..n {
-        for j in 0..n {
-            let theta = std::f64::consts::PI * f64::from(i) / f64::from(n);
-            let phi = std::f64::consts::TAU * f64::from(j) / f64::from(n);
-            vertices.push([theta.sin() * phi.sin(), theta.cos(), theta.sin() * phi.cos()]);
-        }
-    }
-    let mut faces = Vec::new();
-    for j in 0..n {
-        faces.push([0, ring(1, j), ring(1, j + 1)]);
-        faces.push([1, ring(n - 1, j + 1), ring(n - 1, j)]);
-        for i in 1..n - 1 {
-            let (a, b) = (ring(i, j), ring(i, j + 1));
-            let (c, d) = (ring(i + 1, j), ring(i + 1, j + 1));
-            faces.push([a, c, b]);
-            faces.push([b, c, d]);
-        }
-    }
-    ply(&vertices, &faces)
 }
 
 #[test]

@@ -15,7 +15,7 @@ use hlod_render::pick::first_hit;
 use hlod_render::session::{
     self, LightFrame, Looks, Note, NoteShape, SavedView, Session, Viewpoint,
 };
-use hlod_tests::{built, bumpy_ball, ply, program};
+use hlod_tests::{ball, built, bumpy_ball, ply, program};
 
 /// The sides of the block, in mm.
 const SIDES: [f64; 3] = [40.0, 30.0, 2.0];
@@ -149,7 +149,7 @@ fn areas_are_those_of_the_side_that_was_drawn_on() {
     assert!(of(&nothing).unwrap_err().to_string().contains("encloses nothing"));
 
     // The cap of a ball within a cone of 0.5: 2π(1 − cos 0.5), by a line of 48 corners.
-    let ball = Leaves::open(&file(folder.path(), "ball", &smooth_ball(90))).unwrap();
+    let ball = Leaves::open(&file(folder.path(), "ball", &ball(90, 0.0))).unwrap();
     let corners = (0..48).map(|i| {
         let phi = std::f64::consts::TAU * f64::from(i) / 48.0;
         let (sin, cos) = 0.5f64.sin_cos();
@@ -159,15 +159,6 @@ fn areas_are_those_of_the_side_that_was_drawn_on() {
     let cap = measure(&ball, MeasurementKind::SurfaceArea, &corners).unwrap().value;
     let truth = std::f64::consts::TAU * (1.0 - 0.5f64.cos());
     assert!((cap / truth - 1.0).abs() < 0.005, "{cap} {truth}");
-}
-
-/// A ball of radius 1 as a file.
-fn smooth_ball(n: u32) -> String {
-    let soup: Vec<[DVec3; 3]> = parsed(&bumpy_ball(n));
-    let vertices: Vec<[f64; 3]> = soup.iter().flatten().map(|p| p.normalize().to_array()).collect();
-    let faces: Vec<[u32; 3]> =
-        (0..soup.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-    ply(&vertices, &faces)
 }
 
 /// Vertices and triangles of an ASCII file as [`ply`] writes it.
