@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use glam::{DMat4, DVec2, DVec3, Mat4, Vec4};
+use glam::DVec3;
 
 use crate::arena::{Arena, Slot};
 use crate::casters::{CasterView, select_casters};
@@ -14,13 +14,15 @@ use crate::loader::{Part, PointPrefix};
 use crate::model::Model;
 use crate::need::{Need, PaceTracker};
 use crate::passes::{
-    Drawn, DrawnPart, DrawnShadow, FaceUniforms, FrameUniform, Passes, Range, Rectangle, Targets,
+    Drawn, DrawnPart, DrawnShadow, FaceUniforms, FrameUniform, Passes, Range, Targets,
 };
 use crate::scene::{Light, Representation, Shadow, Shot};
+use crate::seen::Seen;
 use crate::select::{Front, Selection, View, corners, select};
 use crate::skeleton::{ChildLink, Node};
 use crate::survey::Survey;
 use crate::traced::Tracer;
+use crate::uniform::{skirt, uniform};
 
 /// What a frame drew, for statistics and benchmark records.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -370,51 +372,6 @@ fn tracer<'a>(
     Ok(&kept.insert((of, tracer)).1)
 }
 
-/// The part of the picture in which anything is seen.
-struct Seen {
-    low: DVec2,
-    high: DVec2,
-    /// Of the whole picture.
-    size: DVec2,
-    /// What targets show of it.
-    window: [DVec2; 2],
-}
-
-impl Seen {
-    fn nothing(targets: &Targets) -> Seen {
-        let (window, vec) = (targets.window(), |x: u32, y: u32| DVec2::new(x.into(), y.into()));
-        let size = vec(window.picture_width, window.picture_height);
-        let part = [vec(window.x, window.y), vec(targets.width(), targets.height())];
-        Seen { low: size, high: DVec2::ZERO, size, window: part }
-    }
-
-    /// Adds a box, and so many pixels round it.
-    fn add(&mut self, clip_from_model: &Mat4, min: DVec3, max: DVec3, margin_px: f64) {
-        for corner in 0..8 {
-            let pick = |i: usize| if corner >> i & 1 == 0 { min[i] } else { max[i] };
-            let p = DVec3::new(pick(0), pick(1), pick(2)).as_vec3();
-            let clip = *clip_from_model * p.extend(1.0);
-            if clip.w <= 0.0 || clip.z > clip.w {
-                // Nearer than the near plane: seen anywhere.
-                (self.low, self.high) = (DVec2::ZERO, self.size);
-                return;
-            }
-            let ndc = clip.truncate().truncate().as_dvec2() / f64::from(clip.w);
-            let pixel = (ndc * DVec2::new(0.5, -0.5) + 0.5) * self.size;
-            self.low = self.low.min(pixel - margin_px - 2.0);
-            self.high = self.high.max(pixel + margin_px + 2.0);
-        }
-    }
-
-    fn rectangle(&self) -> Rectangle {
-        let [first, size] = self.window;
-        let low = (self.low - first).clamp(DVec2::ZERO, size).floor().as_uvec2();
-        let high = (self.high - first).clamp(DVec2::ZERO, size).ceil().as_uvec2();
-        let extent = high.saturating_sub(low);
-        Rectangle { x: low.x, y: low.y, width: extent.x, height: extent.y }
-    }
-}
-
 /// What is asked of the receivers' front.
 pub(crate) fn selection(shot: &Shot) -> Selection {
     let full = shot.representation == Representation::Full;
@@ -512,68 +469,6 @@ pub(crate) fn visible_boxes(models: &[Model], fronts: &[Front]) -> Vec<(u8, [DVe
     models.iter().zip(fronts).flat_map(of_model).collect()
 }
 
-/// World units that a pixel shows at depth 1, or anywhere in parallel projection.
-fn world_per_pixel(shot: &Shot, targets: &Targets) -> f64 {
-    let (width, height) = targets.window().picture();
-    let (width, height) = (f64::from(width), f64::from(height));
-    2.0 * shot.camera.half_extent(width / height).y / height
-}
-
-/// What shaders know of a frame and one arena of a model.
-pub(crate) fn uniform(
-    world_from_model: DMat4,
-    has_colours: bool,
-    shot: &Shot,
-    targets: &Targets,
-    first_identity: u32,
-) -> FrameUniform {
-    let window = targets.window();
-    let (width, height) = window.picture();
-    let aspect = f64::from(width) / f64::from(height);
-    // Shading happens relative to the model's centre: f32 would not do far from the origin.
-    let centre = world_from_model.transform_point3(glam::DVec3::ZERO);
-    let relative = DMat4::from_translation(-centre) * world_from_model;
-    let parallel = matches!(shot.camera.projection, crate::camera::Projection::Orthographic { .. });
-    let eye = if parallel {
-        shot.camera.axes()[2].as_vec3().extend(0.0)
-    } else {
-        (shot.camera.eye - centre).as_vec3().extend(1.0)
-    };
-    let light = match shot.light {
-        Light::Directional(direction) => direction.normalize_or_zero().as_vec3().extend(0.0),
-        Light::Point(position) => (position - centre).as_vec3().extend(1.0),
-    };
-    let flag = |on: bool| f32::from(u8::from(on));
-    // Samples move one way, the picture the other.
-    let offset = shot.sample_offset_px * DVec2::new(-2.0, 2.0)
-        / DVec2::new(f64::from(width), f64::from(height));
-    let clip_from_model = shot.camera.clip_from_model(world_from_model, aspect, offset);
-    FrameUniform {
-        clip_from_model,
-        world_from_model: relative.as_mat4(),
-        eye,
-        light,
-        material: shot.material.albedo.extend(shot.material.highlight),
-        skirt: Vec4::ZERO,
-        light_from_model: Mat4::IDENTITY,
-        shadow: Vec4::new(flag(shot.shadow != Shadow::None), 0.0, 0.0, 0.0),
-        bias: Vec4::new(0.0, flag(window.is_part), 0.0, 0.0),
-        points: points_uniform(&clip_from_model, parallel, 0.0),
-        shading: Vec4::new(shot.material.ambient, flag(has_colours), flag(shot.backs_magenta), 1.0),
-        // Known when all that is seen is.
-        area: [0; 4],
-        size: [width, height, first_identity, 0],
-        window: [window.x, window.y, targets.width(), targets.height()],
-    }
-}
-
-/// Model lengths of a unit of clip.x, of clip.y, and of clip.w or, in parallel views, clip.z; and of a
-/// lattice step.
-fn points_uniform(clip_from_model: &Mat4, parallel: bool, step: f32) -> Vec4 {
-    let row = |i: usize| 1.0 / clip_from_model.row(i).truncate().length();
-    Vec4::new(row(0), row(1), row(if parallel { 2 } else { 3 }), step)
-}
-
 /// As few points as show no gaps: the fewest of which the larger radii are not seen.
 fn points_of(
     slot: &Slot,
@@ -591,21 +486,6 @@ fn points_of(
 
 /// Where points are left out the others are so large in the mean at most, from middle to side.
 const PREFIX_RADIUS_PX: f64 = 1.0;
-
-/// How far skirts reach, for one model: see [`crate::skirts`] and `Frame` in `shared.wgsl`.
-fn skirt(
-    front: &Front,
-    world_from_model: &DMat4,
-    step: f64,
-    shot: &Shot,
-    targets: &Targets,
-) -> Vec4 {
-    // Both sides of a seam may be wrong. Nearer than its error no node has a bound; what covers the
-    // picture is enough.
-    let pixels = (2.0 * front.border_px).min(targets.window().picture_height.into());
-    let scale = world_from_model.x_axis.truncate().length();
-    Vec4::new((pixels * world_per_pixel(shot, targets) / scale) as f32, 2.0 * step as f32, 0.0, 0.0)
-}
 
 fn stats(
     models: &[Model],

@@ -35,6 +35,7 @@ pub mod picture;
 pub mod residency;
 pub mod scene;
 pub mod section;
+mod seen;
 pub mod select;
 pub mod session;
 pub mod simulate;
@@ -43,6 +44,7 @@ pub mod skirts;
 pub mod source;
 pub mod survey;
 mod traced;
+mod uniform;
 #[cfg(feature = "viewer")]
 pub mod viewer;
 

@@ -108,7 +108,7 @@ impl Reference {
             .enumerate()
             .map(|(i, arena)| {
                 let first = i as u32 * self.arena_triangles;
-                let uniform = crate::frame::uniform(
+                let uniform = crate::uniform::uniform(
                     self.world_from_model,
                     self.has_colours,
                     shot,

@@ -6,6 +6,7 @@ mod explain;
 mod shadow;
 mod small;
 mod soft;
+mod targets;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec4};
@@ -19,6 +20,8 @@ use explain::Explain;
 use shadow::{DrawnRange, HardShadows, LightFace};
 use small::SmallTriangles;
 use soft::SoftShadows;
+use targets::{DEPTH_FORMAT, IDENTITY_FORMAT};
+pub use targets::{Rectangle, Targets, Window};
 
 /// What shaders know of a frame, once for each arena; see `Frame` in `shared.wgsl`.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -128,135 +131,6 @@ pub(crate) struct FaceUniforms {
     pub(crate) receivers: Vec<FrameUniform>,
     /// To draw what casts.
     pub(crate) casters: Vec<FrameUniform>,
-}
-
-/// A part of a picture, in pixels from its upper left corner.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Rectangle {
-    /// Left side.
-    pub x: u32,
-    /// Upper side.
-    pub y: u32,
-    /// Pixels in a row.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-}
-
-impl Rectangle {
-    /// All of it.
-    pub fn all(targets: &Targets) -> Rectangle {
-        Rectangle { x: 0, y: 0, width: targets.width(), height: targets.height() }
-    }
-}
-
-/// Where what is drawn lies in the picture that it is a part of. Levels, light and skirts are those of
-/// the whole picture, and pixels of a part equal those of the whole bit for bit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Window {
-    /// Pixels in a row of the whole picture.
-    pub picture_width: u32,
-    /// Its rows.
-    pub picture_height: u32,
-    /// Left side of the part.
-    pub x: u32,
-    /// Its upper side.
-    pub y: u32,
-    /// Whether parts must agree: everything is then rasterised in compute, where the adapter can.
-    pub is_part: bool,
-    /// Whether what nothing is drawn on is transparent instead of the background.
-    pub transparent: bool,
-}
-
-impl Window {
-    /// A picture in one piece.
-    pub fn whole(width: u32, height: u32) -> Window {
-        let (picture_width, picture_height) = (width, height);
-        Window { picture_width, picture_height, x: 0, y: 0, is_part: false, transparent: false }
-    }
-
-    /// Width and height of the whole picture.
-    pub fn picture(&self) -> (u32, u32) {
-        (self.picture_width, self.picture_height)
-    }
-}
-
-/// Textures that a frame is drawn into.
-pub struct Targets {
-    identity: wgpu::Texture,
-    depth: wgpu::Texture,
-    /// The picture.
-    pub colour: wgpu::TextureView,
-    window: Window,
-    identity_view: wgpu::TextureView,
-    /// A number a pixel; made when shadows are first drawn.
-    occlusion: std::sync::OnceLock<wgpu::Buffer>,
-}
-
-const IDENTITY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
-const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-
-impl Targets {
-    /// Identity and depth for pictures of `colour`, which has this size.
-    pub fn new(gpu: &Gpu, colour: wgpu::TextureView, width: u32, height: u32) -> Targets {
-        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT
-            | wgpu::TextureUsages::TEXTURE_BINDING
-            | wgpu::TextureUsages::COPY_SRC;
-        let texture = |label, format| gpu.texture(label, (width, height), format, usage, &[]);
-        let identity = texture("identity", IDENTITY_FORMAT);
-        Targets {
-            identity_view: identity.create_view(&Default::default()),
-            identity,
-            depth: texture("depth", DEPTH_FORMAT),
-            colour,
-            window: Window::whole(width, height),
-            occlusion: std::sync::OnceLock::new(),
-        }
-    }
-
-    /// Width in pixels.
-    pub fn width(&self) -> u32 {
-        self.identity.width()
-    }
-
-    /// Height in pixels.
-    pub fn height(&self) -> u32 {
-        self.identity.height()
-    }
-
-    /// Which part of which picture this is.
-    pub fn window(&self) -> Window {
-        self.window
-    }
-
-    /// Shows another part from now on.
-    pub(crate) fn show(&mut self, window: Window) {
-        self.window = window;
-    }
-
-    /// Identity of the triangle seen in each pixel: 0 for none, bit 31 for its back.
-    pub fn identity(&self) -> &wgpu::Texture {
-        &self.identity
-    }
-
-    pub(crate) fn identity_view(&self) -> &wgpu::TextureView {
-        &self.identity_view
-    }
-
-    /// How much of the light is hidden from each pixel's point, in 65535ths, row by row; unknown
-    /// before shadows were drawn and where no point is.
-    pub(crate) fn occlusion(&self, gpu: &Gpu) -> &wgpu::Buffer {
-        self.occlusion.get_or_init(|| {
-            let bytes = 4 * u64::from(self.width()) * u64::from(self.height());
-            let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
-            buffer(gpu, "occlusion", bytes, usage)
-        })
-    }
-
-    /// Reversed depth, f32.
-    pub fn depth(&self) -> &wgpu::Texture {
-        &self.depth
-    }
 }
 
 /// Pipelines and what they are bound with.
@@ -509,11 +383,11 @@ impl Passes {
         if let Some((small, work)) = small {
             small.rasterise(&mut encoder, work, &geometry, targets);
         }
-        let depth_view = targets.depth.create_view(&Default::default());
+        let depth_view = targets.depth().create_view(&Default::default());
         {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("surface"),
-                color_attachments: &[attachment(&targets.identity_view, wgpu::Color::TRANSPARENT)],
+                color_attachments: &[attachment(targets.identity_view(), wgpu::Color::TRANSPARENT)],
                 depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                     view: &depth_view,
                     depth_ops: Some(wgpu::Operations {
@@ -559,7 +433,7 @@ impl Passes {
         }
         let is_explained = shot.paint != Paint::Shaded && !drawn.parts.is_empty();
         let explained =
-            is_explained.then(|| self.explain.parts(gpu, drawn.parts, &targets.identity_view));
+            is_explained.then(|| self.explain.parts(gpu, drawn.parts, targets.identity_view()));
         {
             let clear = background(shot, targets);
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -582,7 +456,7 @@ impl Passes {
                 entries: &[
                     wgpu::BindGroupEntry {
                         binding: 0,
-                        resource: wgpu::BindingResource::TextureView(&targets.identity_view),
+                        resource: wgpu::BindingResource::TextureView(targets.identity_view()),
                     },
                     entry(1, occlusion),
                 ],
@@ -607,7 +481,7 @@ impl Passes {
 
 /// What is where nothing is drawn.
 fn background(shot: &Shot, targets: &Targets) -> wgpu::Color {
-    if targets.window.transparent {
+    if targets.window().transparent {
         return wgpu::Color::TRANSPARENT;
     }
     let [r, g, b] = shot.background.to_array().map(f64::from);

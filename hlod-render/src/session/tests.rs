@@ -5,6 +5,8 @@ use hlod_compress::FormatError;
 
 use super::*;
 use crate::RenderError;
+use crate::camera::Projection;
+use crate::framing::Framing;
 use crate::measure::{Measured, MeasurementKind};
 
 fn untouched() -> Session {
