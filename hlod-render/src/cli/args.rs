@@ -207,6 +207,10 @@ pub struct ViewArgs {
     /// session, or -45,45].
     #[arg(long, value_name = "LIGHT", value_parser = numbers::<2, 2>, allow_hyphen_values = true)]
     pub light: Option<Numbers>,
+    /// A second .hlod file, seen with the same camera in the same light to the right of a line that can be
+    /// dragged; tools work on the first.
+    #[arg(long, value_name = "FILE")]
+    pub compare: Option<PathBuf>,
     /// Where views, measurements, sections and notes are kept [default: FILE.session.json beside the
     /// file, or in the user's data folder].
     #[arg(long, value_name = "JSON")]

@@ -59,6 +59,7 @@ fn run_view(cli: &Cli, args: &args::ViewArgs) -> Outcome {
         representation: args.precision.representation.representation(),
         light,
         session: args.session.clone(),
+        compare: args.compare.clone(),
         shadow: if args.shadow { Shadow::Hard } else { Shadow::None },
         size: args.size,
         adapter: cli.adapter(),

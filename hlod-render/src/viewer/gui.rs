@@ -24,6 +24,15 @@ pub struct Scene {
     texture: wgpu::Texture,
 }
 
+/// A second picture of the same size, shown to the right of a line.
+#[derive(Clone, Copy)]
+pub struct Beside<'a> {
+    /// The picture.
+    pub scene: &'a Scene,
+    /// Pixels from the left to the line.
+    pub from: u32,
+}
+
 impl Scene {
     /// For a screen of this format. Width and height must be at least 1 and within the adapter's
     /// limits.
@@ -164,7 +173,7 @@ impl Gui {
         &mut self,
         gpu: &Gpu,
         laid: &Laid,
-        scene: &Scene,
+        (scene, beside): (&Scene, Option<Beside<'_>>),
         origin: (u32, u32),
         target: &wgpu::Texture,
     ) -> wgpu::SubmissionIndex {
@@ -178,6 +187,18 @@ impl Gui {
         let mut to = target.as_image_copy();
         (to.origin.x, to.origin.y) = origin;
         encoder.copy_texture_to_texture(scene.texture.as_image_copy(), to, size);
+        if let Some(Beside { scene, from }) = beside {
+            let rest = |there: u32| there.saturating_sub(from).min(size.width.saturating_sub(from));
+            let width = rest(scene.texture.width());
+            let height = size.height.min(scene.texture.height());
+            let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+            let mut of = scene.texture.as_image_copy();
+            of.origin.x = from;
+            to.origin.x += from;
+            if width > 0 && height > 0 {
+                encoder.copy_texture_to_texture(of, to, size);
+            }
+        }
         self.painter.paint(gpu, &mut encoder, &laid.primitives, laid.pixels_per_point, target);
         gpu.queue.submit([encoder.finish()])
     }
@@ -190,7 +211,7 @@ impl Gui {
         &mut self,
         gpu: &Gpu,
         laid: &Laid,
-        scene: &Scene,
+        scenes: (&Scene, Option<Beside<'_>>),
         origin: (u32, u32),
         (width, height): (u32, u32),
         format: wgpu::TextureFormat,
@@ -199,7 +220,7 @@ impl Gui {
             | wgpu::TextureUsages::COPY_SRC
             | wgpu::TextureUsages::COPY_DST;
         let texture = gpu.texture("screenshot", (width, height), format, usage, &[]);
-        self.paint(gpu, laid, scene, origin, &texture);
+        self.paint(gpu, laid, scenes, origin, &texture);
         let mut rgba = gpu.read_texture(&texture, wgpu::TextureAspect::All)?;
         let blue_first = matches!(format.remove_srgb_suffix(), wgpu::TextureFormat::Bgra8Unorm);
         for pixel in rgba.chunks_exact_mut(4) {

@@ -15,6 +15,8 @@ use super::stage::Stage;
 const DOUBLE_CLICK: Duration = Duration::from_millis(400);
 /// … if the cursor moved less than this, in pixels.
 const DOUBLE_CLICK_PX: f64 = 6.0;
+/// The line between two statues is taken this near to it, in pixels.
+const SWIPE_PX: f64 = 7.0;
 /// A press and a release no farther apart than this are a click, in pixels.
 const CLICK_PX: f64 = 4.0;
 /// Pixels that a touchpad scrolls for one notch of a wheel.
@@ -32,6 +34,8 @@ pub struct Input {
     modifiers: ModifiersState,
     held: Option<MouseButton>,
     turning_light: bool,
+    /// The line between two statues is being dragged.
+    swiping: bool,
     last_press: Option<(Instant, DVec2)>,
     /// The left button went down here and the cursor has stayed: what may become a click.
     click: Option<DVec2>,
@@ -98,7 +102,10 @@ impl Input {
         if self.click.is_some_and(|place| place.distance(cursor) > CLICK_PX) {
             self.click = None;
         }
-        if self.turning_light {
+        if self.swiping {
+            let width = stage.navigation.lens().size.x;
+            stage.settings.swipe = (cursor.x / width).clamp(0.0, 1.0);
+        } else if self.turning_light {
             let share = moved / stage.navigation.lens().size.min_element();
             stage.drag_light(share.x, share.y, now);
         } else {
@@ -114,6 +121,11 @@ impl Input {
         }
         let flying = stage.navigation.is_flying();
         let left = button == MouseButton::Left;
+        let on_line = |line: f64| (line - self.cursor.x).abs() < SWIPE_PX;
+        if left && stage.swipe_px().is_some_and(on_line) {
+            (self.swiping, self.held) = (true, Some(button));
+            return true;
+        }
         if left && self.is_double(now) {
             match stage.work.tool {
                 Some(_) => stage.work.finish_tool(),
@@ -151,6 +163,7 @@ impl Input {
     fn release(&mut self, stage: &mut Stage) {
         self.held = None;
         self.turning_light = false;
+        self.swiping = false;
         stage.end_drag();
     }
 

@@ -6,6 +6,7 @@
 //!   ▼ stage       the model, where the viewer stands, what was set
 //!   │ navigation  how a viewer moves
 //!   │ work        the session: what is measured, cut and noted
+//!   │ other       a second statue beside the first
 //!   │ light       where light comes from
 //!   │ pace        τ while moving, frame times
 //!   │ depth       what is under the cursor, read back without waiting
@@ -21,6 +22,7 @@ mod gui;
 mod input;
 mod light;
 mod navigation;
+mod other;
 mod pace;
 mod painter;
 mod panel;
@@ -60,6 +62,8 @@ pub struct ViewOptions {
     pub light: Option<(f64, f64)>,
     /// What shadows are drawn; those of the session where there are none.
     pub shadow: Shadow,
+    /// A second file, shown beside the first on the right of a line.
+    pub compare: Option<PathBuf>,
     /// Where the session is kept; beside the file where that is not said.
     pub session: Option<PathBuf>,
     /// Size of the window's content in pixels of the screen.
@@ -79,7 +83,9 @@ pub struct ViewOptions {
 /// screenshot cannot be written.
 pub fn run(options: ViewOptions) -> Result<(), RenderError> {
     // A file that is none is refused before a window flashes up.
-    Source::open(&options.file, 0, None)?;
+    for file in [Some(&options.file), options.compare.as_ref()].into_iter().flatten() {
+        Source::open(file, 0, None)?;
+    }
 
     let cannot = |e: winit::error::EventLoopError| RenderError::Window(e.to_string());
     let event_loop = EventLoop::<window::Wake>::with_user_event().build().map_err(cannot)?;

@@ -44,6 +44,8 @@ pub struct Readings {
     pub bytes_read: u64,
     /// Whether rays are parallel.
     pub parallel: bool,
+    /// The second statue's name, and where the line before it is: share of the picture's width.
+    pub other: Option<(String, f64)>,
     /// What to do with the tool in hand.
     pub tool: Option<String>,
     /// Whether the scan's own geometry is being read for a tool.
@@ -90,6 +92,9 @@ pub fn show(
     let rect = whole_pixels(ui.available_rect_before_wrap(), ui.pixels_per_point());
     if settings.marks_shown {
         overlay::draw(ui.painter(), rect, lens, work);
+    }
+    if let Some((name, swipe)) = &readings.other {
+        swipe_line(ui, rect, name, *swipe as f32);
     }
     status_line(ui, rect, readings);
     corner_buttons(ui, rect, settings, &mut wishes.actions);
@@ -366,6 +371,20 @@ fn status_line(ui: &Ui, rect: egui::Rect, readings: &Readings) {
     let text = ui.painter().layout_no_wrap(parts.join("   "), font, Color32::LIGHT_GRAY);
     let at = rect.left_bottom() + egui::vec2(8.0, -6.0 - text.size().y);
     // Statues are light.
+    let behind = egui::Rect::from_min_size(at, text.size()).expand(3.0);
+    ui.painter().rect_filled(behind, 2.0, Color32::from_black_alpha(170));
+    ui.painter().galley(at, text, Color32::LIGHT_GRAY);
+}
+
+/// The line between two statues, and which is on its right.
+fn swipe_line(ui: &Ui, rect: egui::Rect, name: &str, swipe: f32) {
+    let x = rect.left() + swipe * rect.width();
+    for (width, colour) in [(3.0, Color32::BLACK), (1.0, Color32::WHITE)] {
+        ui.painter().vline(x, rect.y_range(), egui::Stroke::new(width, colour));
+    }
+    let font = FontId::proportional(13.0);
+    let text = ui.painter().layout_no_wrap(format!("{name} »"), font, Color32::LIGHT_GRAY);
+    let at = egui::pos2(x + 8.0, rect.top() + 8.0);
     let behind = egui::Rect::from_min_size(at, text.size()).expand(3.0);
     ui.painter().rect_filled(behind, 2.0, Color32::from_black_alpha(170));
     ui.painter().galley(at, text, Color32::LIGHT_GRAY);

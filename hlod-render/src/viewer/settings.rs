@@ -34,6 +34,8 @@ pub struct Settings {
     pub background: [f32; 3],
     /// Whether the panel is shown.
     pub panel_open: bool,
+    /// Where the line between two statues is: share of the picture's width.
+    pub swipe: f64,
     /// Whether the help is shown.
     pub help_open: bool,
     /// Whether what was measured, cut and noted is drawn over the picture.
@@ -54,6 +56,7 @@ impl Default for Settings {
             material: Material::default(),
             background: BACKGROUND.to_array(),
             panel_open: true,
+            swipe: 0.5,
             help_open: false,
             marks_shown: true,
         }

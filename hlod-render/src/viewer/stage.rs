@@ -10,6 +10,7 @@ use super::depth::DepthReader;
 use super::gui::Scene;
 use super::light::{Lamp, PRESETS, Raking};
 use super::navigation::{Drag, Navigation};
+use super::other::Other;
 use super::pace::{FrameClock, Motion, TauController};
 use super::panel::Readings;
 use super::recording::{Recording, save_new};
@@ -19,9 +20,9 @@ use crate::error::RenderError;
 use crate::frame::{FrameStats, Renderer, check_models};
 use crate::framing::Framing;
 use crate::gpu::Gpu;
-use crate::model::Model;
+use crate::model::{Model, ModelLimits};
 use crate::passes::check_shadows;
-use crate::scene::{Shadow, Shot};
+use crate::scene::{Representation, Shadow, Shot};
 use crate::session::{LightFrame, Session, Viewpoint};
 
 /// More problems than anyone reads.
@@ -35,6 +36,8 @@ pub struct Stage {
     renderer: Renderer,
     /// What is measured, cut and noted.
     pub work: Work,
+    /// A second statue, if there is one.
+    pub other: Option<Other>,
     /// Where the viewer stands.
     pub navigation: Navigation,
     /// What was set.
@@ -72,6 +75,7 @@ impl Stage {
             models: [model],
             renderer: Renderer::new(gpu, output),
             work,
+            other: None,
             navigation,
             settings,
             motion: Motion::default(),
@@ -139,11 +143,17 @@ impl Stage {
         let shot =
             self.settings.shot(lens.camera, self.navigation.framing(), self.tau.factor(moving));
         let same = self.drawn == Some((shot, lens.size));
-        let draw = !same || self.is_loading();
+        let draw = !same || self.models.iter().any(Model::is_loading);
         if draw {
             self.stats = self.renderer.render(gpu, &mut self.models, &shot, &scene.targets)?;
             self.drawn = Some((shot, lens.size));
             self.problems.extend(self.models[0].take_problems());
+            self.problems.truncate(PROBLEMS_MAX);
+        }
+        let mut drew = draw;
+        if let Some(other) = &mut self.other {
+            drew |= other.draw(gpu, &shot, lens.size)?;
+            self.problems.extend(other.take_problems());
             self.problems.truncate(PROBLEMS_MAX);
         }
         // Ask for the depth where the next gesture may begin, or one waits for it.
@@ -151,7 +161,7 @@ impl Stage {
         if wanted && (!self.depth.covers(&lens) || (draw && !moving)) {
             self.depth.copy(gpu, &scene.targets, lens);
         }
-        Ok(draw)
+        Ok(drew)
     }
 
     /// A frame has been finished that drew the statue.
@@ -165,6 +175,7 @@ impl Stage {
     /// Whether parts are on their way.
     pub fn is_loading(&self) -> bool {
         self.models.iter().any(Model::is_loading)
+            || self.other.as_ref().is_some_and(Other::is_loading)
     }
 
     /// When the next key of a recording is due.
@@ -361,6 +372,29 @@ impl Stage {
         has_tool
     }
 
+    /// Shows a second statue beside the first.
+    ///
+    /// # Errors
+    /// When it cannot be shown.
+    pub fn show_beside(
+        &mut self,
+        gpu: &Gpu,
+        file: &Path,
+        limits: ModelLimits,
+        representation: Representation,
+        format: wgpu::TextureFormat,
+    ) -> Result<(), RenderError> {
+        let first = &self.models[0];
+        self.other = Some(Other::open(gpu, file, limits, representation, format, first)?);
+        Ok(())
+    }
+
+    /// Where the line between two statues is, in pixels from the left of the picture.
+    pub fn swipe_px(&self) -> Option<f64> {
+        let width = self.navigation.lens().size.x;
+        self.other.as_ref().map(|_| (self.settings.swipe * width).round().clamp(0.0, width))
+    }
+
     /// What the panel shows.
     pub fn readings(&self, gpu: &Gpu, now: Instant) -> Readings {
         let shown =
@@ -375,6 +409,10 @@ impl Stage {
             error_threshold_px: shown,
             raised: shown > self.settings.error_threshold_px * 1.001,
             loading: self.is_loading(),
+            other: self.other.as_ref().map(|other| {
+                let moved = if other.is_moved { ", about its own middle" } else { "" };
+                (format!("{}{moved}", other.name), self.settings.swipe)
+            }),
             tool: self.work.tool.as_ref().map(|tool| tool.hint()),
             reading: self.work.is_busy(),
             link_problem: self.models[0].link_problem().map(str::to_owned),

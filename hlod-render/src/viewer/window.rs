@@ -15,10 +15,11 @@ use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy};
 use winit::window::{Window, WindowId};
 
 use super::ViewOptions;
-use super::gui::{Gui, Laid, Scene};
+use super::gui::{Beside, Gui, Laid, Scene};
 use super::input::Input;
 use super::light::{Lamp, LightAngles};
 use super::navigation::Navigation;
+
 use super::panel;
 use super::screen::Screen;
 use super::settings::Settings;
@@ -219,7 +220,7 @@ impl Open {
         if let Some((azimuth, elevation)) = options.light {
             settings.light = Lamp::of_picture(LightAngles::new(azimuth, elevation));
         }
-        let stage = Stage::new(
+        let mut stage = Stage::new(
             &gpu,
             screen.picture_format().add_srgb_suffix(),
             model,
@@ -227,6 +228,12 @@ impl Open {
             settings,
             work,
         );
+
+        if let Some(file) = &options.compare {
+            let (limits, format) = (options.limits, screen.picture_format());
+            let shown = options.representation;
+            stage.show_beside(&gpu, file, limits, shown, format)?;
+        }
 
         // Prepare what is drawn into, and who waits for it.
         let scene = Scene::new(&gpu, screen.picture_format(), width, height);
@@ -323,7 +330,8 @@ impl Open {
         let origin = self.input.origin.as_uvec2().into();
         let moving = self.stage.motion.is_moving(now);
         let drew_statue = self.stage.draw(&self.gpu, &self.scene, now)?;
-        let submission = self.gui.paint(&self.gpu, laid, &self.scene, origin, &texture.texture);
+        let scenes = (&self.scene, beside(&self.stage));
+        let submission = self.gui.paint(&self.gpu, laid, scenes, origin, &texture.texture);
         self.window.pre_present_notify();
         self.gpu.queue.present(texture);
 
@@ -418,8 +426,15 @@ impl Open {
         };
         let (size, format) = (self.screen.size(), self.screen.format());
         let origin = self.input.origin.as_uvec2().into();
-        self.gui.screenshot(&self.gpu, laid, &self.scene, origin, size, format)?.save(file)
+        let scenes = (&self.scene, beside(&self.stage));
+        self.gui.screenshot(&self.gpu, laid, scenes, origin, size, format)?.save(file)
     }
+}
+
+/// The second statue's picture, where there is one.
+fn beside(stage: &Stage) -> Option<Beside<'_>> {
+    let from = stage.swipe_px()? as u32;
+    Some(Beside { scene: stage.other.as_ref()?.scene(), from })
 }
 
 /// A thread that waits for frames, so that the window does not.
