@@ -13,15 +13,13 @@ use hlod_render::RenderError;
 use hlod_render::files::write_whole;
 use hlod_render::leaves::Leaves;
 use hlod_render::section::{GRAZING_DEG, JOIN_STEPS, Layer, Plane, Sheet, cut};
-use hlod_render::session::SectionPlane;
+use hlod_render::session::{SECTIONS_MAX, SectionPlane};
 
 use super::args::{Cli, JsonArgs, numbers, positive};
 use super::outcome::{Failure, Outcome};
 use super::work::load_session;
 use super::{print, progress_bar};
 
-/// At most so many planes that are not parallel: more would not be told apart in one drawing.
-const PLANES_MAX: usize = 3;
 /// A bar is shown after so long.
 const SHOW_BAR_AFTER: Duration = Duration::from_secs(1);
 
@@ -92,10 +90,10 @@ pub fn run(cli: &Cli, args: &SectionArgs) -> Outcome {
 
 fn check(args: &SectionArgs, planes: &[Plane]) -> Outcome {
     let usage = |why: String| Err(Failure::Usage(format!("section: {why}")));
-    if planes.is_empty() || planes.len() > PLANES_MAX {
+    if planes.is_empty() || planes.len() > SECTIONS_MAX {
         let count = planes.len();
         return usage(format!(
-            "{count} planes: give one to {PLANES_MAX} by --plane, --through and --session"
+            "{count} planes: give one to {SECTIONS_MAX} by --plane, --through and --session"
         ));
     }
     match (args.parallel, args.spacing) {

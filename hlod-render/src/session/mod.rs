@@ -30,6 +30,8 @@ use crate::section::Plane;
 pub const VERSION: u32 = 1;
 /// More of anything is taken for damage.
 pub const COUNT_MAX: usize = 1_000_000;
+/// Planes that cut the statue at the same time.
+pub const SECTIONS_MAX: usize = 3;
 /// Longer texts are taken for damage.
 const TEXT_BYTES_MAX: usize = 1 << 20;
 
@@ -209,6 +211,10 @@ impl Session {
             && !(u.expanded >= 0.0 && u.expanded.is_finite() && u.k > 0.0 && u.k.is_finite())
         {
             return Err("scanner: `expanded` must not be negative, and `k` positive".into());
+        }
+        if self.sections.len() > SECTIONS_MAX {
+            let count = self.sections.len();
+            return Err(format!("{count} sections: at most {SECTIONS_MAX} at a time"));
         }
         self.looks.validate().map_err(|why| format!("looks: {why}"))?;
         let mut names = std::collections::HashSet::new();

@@ -135,6 +135,11 @@ fn every_truncation_and_every_wrong_value_is_refused_by_name() {
         let error = load(&path).expect_err(wrong).to_string();
         assert!(error.contains(named) && error.contains("s.json"), "{wrong}: {error}");
     }
+    let four = serde_json::to_string(&*worked_on().sections).unwrap();
+    let one = four.trim_matches(|c| c == '[' || c == ']');
+    let four = text.replacen(&four, &format!("[{}]", [one; 4].join(",")), 1);
+    std::fs::write(&path, four).unwrap();
+    assert!(load(&path).unwrap_err().to_string().contains("4 sections: at most 3"));
     let twice = text.replacen("\"views\":[", &format!("\"views\":[{},", view_text(&text)), 1);
     std::fs::write(&path, twice).unwrap();
     assert!(load(&path).unwrap_err().to_string().contains("views[1]: there is another view"));

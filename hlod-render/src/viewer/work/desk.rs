@@ -7,9 +7,9 @@ use glam::DVec3;
 
 use super::overlay::caption;
 use super::tool::Task;
-use super::{Change, SECTION_COLOURS, SECTIONS_MAX, Work};
+use super::{Change, SECTION_COLOURS, Work};
 use crate::section::{Measures, Plane};
-use crate::session::{LightFrame, Note, ScannerUncertainty, Session};
+use crate::session::{LightFrame, Note, SECTIONS_MAX, ScannerUncertainty, Session};
 use crate::viewer::bindings::Action;
 
 /// Height of a list before it scrolls, in points.

@@ -30,12 +30,10 @@ use crate::measure::{Measured, Measurement, MeasurementKind, SurfacePoint};
 use crate::pick::Hit;
 use crate::section::{Measures, Plane, Section, Sheet};
 use crate::session::{
-    History, ModelIdentity, Note, NoteShape, SavedView, Saver, SectionPlane, Session, SessionFile,
-    Viewpoint, free_beside, load, place_of,
+    History, ModelIdentity, Note, NoteShape, SECTIONS_MAX, SavedView, Saver, SectionPlane, Session,
+    SessionFile, Viewpoint, free_beside, load, place_of,
 };
 
-/// Planes that cut the statue at the same time.
-pub const SECTIONS_MAX: usize = 3;
 /// Colours that people who see fewer can tell apart (Okabe & Ito 2008): orange, sky blue, green; and
 /// yellow for measurements.
 pub const SECTION_COLOURS: [[u8; 3]; SECTIONS_MAX] = [[230, 159, 0], [86, 180, 233], [0, 158, 115]];
@@ -393,13 +391,8 @@ impl Work {
 
     /// Asks for the lines of planes that are others than before.
     fn cut_again(&mut self) {
-        let planes: Vec<Option<Plane>> = self
-            .session()
-            .sections
-            .iter()
-            .take(SECTIONS_MAX)
-            .map(|s| s.shown.then(|| s.plane()))
-            .collect();
+        let planes: Vec<Option<Plane>> =
+            self.session().sections.iter().map(|s| s.shown.then(|| s.plane())).collect();
         self.outlines.resize_with(planes.len(), || None);
         for (number, plane) in planes.into_iter().enumerate() {
             let known = self.outlines[number].as_ref().map(|outline| outline.plane);
