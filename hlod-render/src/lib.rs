@@ -5,7 +5,11 @@
 //!   │ select    which nodes are drawn
 //!   │ casters   and which cast shadows on them
 //!   │ passes    identity and depth, what is hidden from the light, shading
-//!   ▼ frame     the outline; picture, bench and audit are what it is for
+//!   ▼ frame     the outline; picture, figure, bench and audit are what it is for
+//!
+//! leaves    the scan's own geometry, past levels and GPU
+//!   │ pick, measure, section
+//!   ▼ session   what was found, as a file
 //! ```
 
 mod arena;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::DVec3;
 
+use super::section::SectionArgs;
 use super::work::{MeasureArgs, NotesArgs, SessionArgs};
 use hlod_render::camera::Camera;
 use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
@@ -13,7 +14,7 @@ use hlod_render::{AdapterChoice, Gpu, ModelLimits, RenderError};
 
 use super::figure_args::{FigureArgs, LightDomeArgs, PlateArgs, TurntableArgs};
 
-/// Show .hlod files, measure how fast and check how truthfully.
+/// Show .hlod files, measure on them, make figures; and check how fast and how truthful all that is.
 #[derive(Parser)]
 #[command(name = "hlod-render", version, max_term_width = 100)]
 #[command(after_help = "\
@@ -58,19 +59,19 @@ pub enum Command {
     /// Write pictures of one view under many lights to a folder, with their list (.lp), for relighting
     /// and photometric stereo.
     LightDome(LightDomeArgs),
-    /// Measure frame rates along a recorded camera path.
-    Bench(BenchArgs),
     /// Measure on the scan's own surface: between given points, or all that a session holds.
     Measure(MeasureArgs),
+    /// Cut a statue with planes: outlines, their measures, drawings to scale.
+    Section(SectionArgs),
     /// List the notes of a session, or write them for other programs.
     Notes(NotesArgs),
+    /// Measure frame rates along a recorded camera path.
+    Bench(BenchArgs),
     /// Compare policies of loading along a camera path, without drawing: a link of a given bandwidth
     /// and latency, and what would have been seen.
     Simulate(SimulateArgs),
     /// Compare what is drawn with the scan itself, pixel by pixel.
     Audit(AuditArgs),
-    /// Cut a statue with planes: outlines, their measures, drawings to scale.
-    Section(super::section::SectionArgs),
 }
 
 /// Where machine-readable results go.
