@@ -324,6 +324,7 @@ mod tests {
             sample_offset_px: DVec2::ZERO,
             draw_backs: false,
             backs_magenta: false,
+            clip: crate::clip::ClipPlanes::default(),
         }
     }
 

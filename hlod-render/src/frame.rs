@@ -7,6 +7,7 @@ use glam::DVec3;
 
 use crate::arena::{Arena, Slot};
 use crate::casters::{CasterView, select_casters};
+use crate::clip::check_clip;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::lit::{Lit, LitPart};
@@ -14,7 +15,7 @@ use crate::loader::{Part, PointPrefix};
 use crate::model::Model;
 use crate::need::{Need, PaceTracker};
 use crate::passes::{
-    Drawn, DrawnPart, DrawnShadow, FaceUniforms, FrameUniform, Passes, Range, Targets,
+    Drawn, DrawnPart, DrawnShadow, FaceUniforms, FrameUniform, PassSets, Range, Targets,
 };
 use crate::scene::{Light, Representation, Shadow, Shot};
 use crate::seen::Seen;
@@ -62,7 +63,7 @@ struct Fronts {
 
 /// Draws models.
 pub struct Renderer {
-    passes: Passes,
+    passes: PassSets,
     pace: PaceTracker,
     begun: Instant,
     planned: Option<Instant>,
@@ -74,7 +75,7 @@ impl Renderer {
     /// Compiles the passes; `output` is the format of the pictures.
     pub fn new(gpu: &Gpu, output: wgpu::TextureFormat) -> Renderer {
         Renderer {
-            passes: Passes::new(gpu, output),
+            passes: PassSets::new(gpu, output),
             pace: PaceTracker::default(),
             begun: Instant::now(),
             planned: None,
@@ -96,7 +97,7 @@ impl Renderer {
         self.plan(models, shot, targets);
         let fronts = update(gpu, models, shot, targets, None)?;
         self.draw(gpu, models, &fronts, shot, targets)?;
-        let can_choose = self.passes.can_choose_points(gpu, targets);
+        let can_choose = self.passes.whole().can_choose_points(gpu, targets);
         Ok(stats(models, &fronts, shot, targets, can_choose))
     }
 
@@ -113,8 +114,7 @@ impl Renderer {
         self.planned = Some(now);
         for model in models {
             let placed = model.world_from_model();
-            let (width, height) = targets.window().picture();
-            let view = View::new(&shot.camera, placed, width, height);
+            let view = View::of_shot(shot, placed, targets.window().picture());
             model.plan(&Need::new(&view, selection(shot), pace));
         }
     }
@@ -135,7 +135,7 @@ impl Renderer {
             let mut all = fronts.receivers.iter().chain(&fronts.casters);
             if all.all(|f| f.wanted.is_empty()) || !models.iter().any(Model::is_loading) {
                 self.draw(gpu, models, &fronts, shot, targets)?;
-                let can_choose = self.passes.can_choose_points(gpu, targets);
+                let can_choose = self.passes.whole().can_choose_points(gpu, targets);
                 return Ok(stats(models, &fronts, shot, targets, can_choose));
             }
             std::thread::yield_now();
@@ -160,7 +160,7 @@ impl Renderer {
             let mut all = fronts.receivers.iter().chain(&fronts.casters);
             if all.all(|f| f.wanted.is_empty()) || !models.iter().any(Model::is_loading) {
                 self.draw(gpu, models, &fronts, shot, targets)?;
-                let can_choose = self.passes.can_choose_points(gpu, targets);
+                let can_choose = self.passes.whole().can_choose_points(gpu, targets);
                 return Ok(stats(models, &fronts, shot, targets, can_choose));
             }
             std::thread::sleep(Duration::from_millis(1));
@@ -183,7 +183,7 @@ impl Renderer {
         let mut model_of = Vec::new();
         let mut first_identity = 0;
         let mut seen = Seen::nothing(targets);
-        let can_choose = self.passes.can_choose_points(gpu, targets);
+        let can_choose = self.passes.whole().can_choose_points(gpu, targets);
         for (m, (model, front)) in models.iter().zip(&fronts.receivers).enumerate() {
             for (arena, buffers) in model.arenas().iter().enumerate() {
                 let has_colours = model.header().has_colours();
@@ -200,10 +200,11 @@ impl Renderer {
                     let r = &node.representations[representation];
                     ((r.geometric_error + r.cover_radius) * scale) as f32
                 };
-                let (width, height) = targets.window().picture();
-                let view = View::new(&shot.camera, world_from_model, width, height);
+                let view = View::of_shot(shot, world_from_model, targets.window().picture());
                 uniform.points.w = step as f32;
                 uniform.skirt = skirt(front, &world_from_model, step, shot, targets);
+                // Open scans have no inside.
+                uniform.bias.w = f32::from(u8::from(model.is_closed() && !shot.clip.is_none()));
                 uniforms.push((uniform, buffers));
                 model_of.push(m);
                 let index = uniforms.len() - 1;
@@ -214,8 +215,10 @@ impl Renderer {
                     if slot.arena == arena {
                         let node = &model.skeleton().nodes()[draw.node as usize];
                         seen.add(&uniform.clip_from_model, node.min, node.max, margin_px);
-                        let cull_backs =
-                            node.closed_oriented && !shot.draw_backs && !shot.backs_magenta;
+                        let cull_backs = node.closed_oriented
+                            && !shot.draw_backs
+                            && !shot.backs_magenta
+                            && shot.clip.is_none();
                         if !slot.triangles().is_empty() {
                             ranges.push(Range {
                                 uniform: index,
@@ -309,7 +312,7 @@ impl Renderer {
             },
         };
         let drawn = Drawn { ranges: &ranges, parts: &parts, area: seen.rectangle(), shadow };
-        self.passes.encode(gpu, &uniforms, &drawn, shot, targets)
+        self.passes.of(gpu, shot).encode(gpu, &uniforms, &drawn, shot, targets)
     }
 
     /// Draws given ranges of given arenas; a frame's last step, and all of it for the reference of
@@ -322,7 +325,7 @@ impl Renderer {
         shot: &Shot,
         targets: &Targets,
     ) -> Result<(), RenderError> {
-        self.passes.encode(gpu, uniforms, drawn, shot, targets)
+        self.passes.of(gpu, shot).encode(gpu, uniforms, drawn, shot, targets)
     }
 }
 
@@ -390,11 +393,12 @@ fn update(
     survey: Option<&Survey>,
 ) -> Result<Fronts, RenderError> {
     check_models(models, shot.shadow)?;
+    check_clip(shot)?;
     let (width, height) = targets.window().picture();
     let selection = selection(shot);
     let mut fronts = Fronts::default();
     for (m, model) in models.iter_mut().enumerate() {
-        let mut view = View::new(&shot.camera, model.world_from_model(), width, height);
+        let mut view = View::of_shot(shot, model.world_from_model(), (width, height));
         match survey {
             None => model.receive(gpu)?,
             Some(survey) => {
@@ -494,8 +498,7 @@ fn stats(
     targets: &Targets,
     can_choose: bool,
 ) -> FrameStats {
-    let (width, height) = targets.window().picture();
-    let view = |m: &Model| View::new(&shot.camera, m.world_from_model(), width, height);
+    let view = |m: &Model| View::of_shot(shot, m.world_from_model(), targets.window().picture());
     let views: Vec<View> = models.iter().map(view).collect();
     let mut stats = FrameStats { tau_ratio: 0.0, ..FrameStats::default() };
     let mut weights = 0.0;

@@ -168,6 +168,11 @@ impl Model {
         self.header.points_input > 0
     }
 
+    /// Whether its surface encloses a volume, everywhere.
+    pub fn is_closed(&self) -> bool {
+        self.skeleton.nodes().first().is_some_and(|root| root.closed_oriented)
+    }
+
     /// Bounds of all geometry in world space.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         let place = |p| DVec3::from_array(self.header.lattice.position(p));

@@ -13,6 +13,8 @@ pub struct Hit {
     /// Unit normal of the triangle, or of the point's disc, that was met; towards where the ray
     /// came from.
     pub normal: DVec3,
+    /// Whether that is the back of it, which closed bodies show only where they are cut open.
+    pub is_back: bool,
     /// Distance from the ray's origin in units of its direction's length.
     pub distance: f64,
     /// How far the file's surface may be from the scan's here, in the source's unit; proven for
@@ -80,10 +82,12 @@ fn hit_leaf(leaves: &Leaves, leaf: &Leaf, origin: DVec3, direction: DVec3) -> Op
         }
     }
     let (normal, error) = met;
-    let towards = if normal.dot(direction) > 0.0 { -normal } else { normal };
+    let is_back = normal.dot(direction) > 0.0;
+    let towards = if is_back { -normal } else { normal };
     best.is_finite().then(|| Hit {
         position: origin + direction * best,
         normal: towards,
+        is_back,
         distance: best,
         error,
     })

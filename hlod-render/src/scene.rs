@@ -4,6 +4,7 @@ use glam::{DVec2, DVec3, Vec3};
 use hlod_compress::{Header, Primitives, RepresentationKind};
 
 use crate::camera::Camera;
+use crate::clip::ClipPlanes;
 
 /// Where light comes from.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -189,6 +190,8 @@ pub struct Shot {
     pub draw_backs: bool,
     /// Paints backs magenta, and draws them everywhere.
     pub backs_magenta: bool,
+    /// Planes that cut the statue open. Shadows cannot be drawn then: see [`crate::clip::check_clip`].
+    pub clip: ClipPlanes,
 }
 
 impl Shot {
@@ -200,6 +203,12 @@ impl Shot {
             (_, Light::Point(_)) => self.light_size / 2.0,
             (_, Light::Directional(_)) => (self.light_size.min(170.0) / 2.0).to_radians().tan(),
         }
+    }
+
+    /// The same of a statue that is cut open; without shadows, which are not drawn then.
+    pub fn cut_open(&self, clip: ClipPlanes) -> Shot {
+        let shadow = if clip.is_none() { self.shadow } else { Shadow::None };
+        Shot { clip, shadow, ..*self }
     }
 
     /// For a picture of n × n samples a pixel: the pixels decide what is fine enough.

@@ -8,7 +8,9 @@ use glam::{DMat4, DVec2, DVec3, DVec4};
 use hlod_compress::RepresentationKind;
 
 use crate::camera::{Camera, Projection};
+use crate::clip::ClipPlanes;
 use crate::loader::{Part, Ticket};
+use crate::scene::Shot;
 use crate::skeleton::{ChildLink, Node, NodeRepresentation, Skeleton};
 
 /// What is asked of the front.
@@ -37,6 +39,8 @@ pub struct View {
     /// The part of clip space that is drawn, over w.
     low: DVec2,
     high: DVec2,
+    /// Model space: what is not drawn.
+    clip: ClipPlanes,
 }
 
 impl View {
@@ -64,7 +68,14 @@ impl View {
             scale: world_from_model.x_axis.truncate().length(),
             low: DVec2::NEG_ONE,
             high: DVec2::ONE,
+            clip: ClipPlanes::default(),
         }
+    }
+
+    /// Of a picture.
+    pub fn of_shot(shot: &Shot, world_from_model: DMat4, (width, height): (u32, u32)) -> View {
+        let view = View::new(&shot.camera, world_from_model, width, height);
+        View { clip: shot.clip.in_model(&world_from_model), ..view }
     }
 
     /// The same, but sees boxes only in a part of the picture, which begins and ends so far from its
@@ -73,8 +84,12 @@ impl View {
         View { low: low.max(DVec2::NEG_ONE), high: high.min(DVec2::ONE), ..self }
     }
 
-    /// Whether a box may be seen at all: not all of it is behind one plane of the frustum.
+    /// Whether a box may be seen at all: not all of it is behind one plane of the frustum, nor is
+    /// it cut away.
     pub fn sees_box(&self, min: DVec3, max: DVec3) -> bool {
+        if self.clip.removes_all(&corners(min, max)) {
+            return false;
+        }
         let clip = corners(min, max).map(|c| self.clip_from_model * c.extend(1.0));
         let outside = |f: &dyn Fn(DVec4) -> f64| clip.iter().all(|&c| f(c) < 0.0);
         // Depth is reversed: nearer than the near plane is z > w.
@@ -85,8 +100,12 @@ impl View {
             || outside(&|c| c.w - c.z))
     }
 
-    /// Whether every surface with normals in the cone, anywhere in the box, shows its back.
+    /// Whether every surface with normals in the cone, anywhere in the box, shows its back; where planes cut
+    /// the statue open, backs are worth seeing.
     pub fn sees_only_backs(&self, node: &Node) -> bool {
+        if !self.clip.is_none() {
+            return false;
+        }
         let Some((axis, half_angle)) = node.cone else { return false };
         let (away, spread) = if self.perspective {
             let centre = (node.min + node.max) / 2.0;

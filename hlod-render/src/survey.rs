@@ -104,7 +104,7 @@ impl Survey {
     ) -> Survey {
         let mut all = Survey { boxes, ..Survey::default() };
         let whole = |(model, front): (&Model, &Front)| {
-            let view = View::new(&shot.camera, model.world_from_model(), width, height);
+            let view = View::of_shot(shot, model.world_from_model(), (width, height));
             let mut beyond_px = 2.0 * front.border_px;
             for draw in &front.draws {
                 let node = &model.skeleton().nodes()[draw.node as usize];
@@ -150,6 +150,6 @@ impl Survey {
 
 /// What would be drawn of a model if all of it were resident.
 fn ideal(model: &Model, shot: &Shot, (width, height): (u32, u32)) -> Front {
-    let view = View::new(&shot.camera, model.world_from_model(), width, height);
+    let view = View::of_shot(shot, model.world_from_model(), (width, height));
     select(model.skeleton(), &view, selection(shot), &|_, _| true)
 }

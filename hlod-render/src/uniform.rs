@@ -42,6 +42,7 @@ pub(crate) fn uniform(
     let offset = shot.sample_offset_px * DVec2::new(-2.0, 2.0)
         / DVec2::new(f64::from(width), f64::from(height));
     let clip_from_model = shot.camera.clip_from_model(world_from_model, aspect, offset);
+    let clip = shot.clip.uniform(&clip_from_model, &world_from_model);
     FrameUniform {
         clip_from_model,
         world_from_model: relative.as_mat4(),
@@ -58,6 +59,8 @@ pub(crate) fn uniform(
         area: [0; 4],
         size: [width, height, first_identity, 0],
         window: [window.x, window.y, targets.width(), targets.height()],
+        clip: clip.planes,
+        clip_colours: clip.colours,
     }
 }
 

@@ -35,12 +35,15 @@ fn large_fragment(in: Fragment, @builtin(front_facing) front: bool) -> Drawn {
     let identity = frame.size.z + number + 1u;
     if is_point(number) {
         let splat = splat_at(point_of(number, in.entry >> LEVEL_SHIFT), in_picture(in.clip.xy));
-        if !splat.covered {
+        let place = clip_place(in_picture(in.clip.xy), splat.depth);
+        if !splat.covered || (CLIPPED && is_removed(place)) {
             discard;
         }
         return Drawn(identity, clamp(splat.depth, 0.0, 1.0));
     }
-    if !front && (in.entry & CULLED) != 0u {
+    let place = clip_place(in_picture(in.clip.xy), in.clip.z);
+    let removed = CLIPPED && is_removed(place);
+    if removed || (!front && (in.entry & CULLED) != 0u) {
         discard;
     }
     return Drawn(select(identity | BACK, identity, front), in.clip.z);

@@ -57,6 +57,17 @@ fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32>
 
     // Open surfaces have two sides: the one that is seen faces the eye.
     let to_eye = normalize(select(frame.eye.xyz, frame.eye.xyz - position, frame.eye.w > 0.5));
+    if CLIPPED && frame.bias.w > 0.5 {
+        // The inside of a body: what is seen is the face in which it was cut. Skirts stand inside, too. Points
+        // have no backs but their normals.
+        let outwards = (frame.world_from_model * vec4(octahedral(vertices[a].normal), 0.0)).xyz;
+        let inside = back || is_of_skirt(number) || (of_point && dot(outwards, to_eye) < 0.0);
+        let clip = frame.clip_from_model * vec4(seen.model, 1.0);
+        let plane = entered_plane(clip_place(in_picture(pixel.xy), clip.z / clip.w));
+        if inside && plane < 3u {
+            return vec4(frame.clip_colours[plane].rgb, 1.0);
+        }
+    }
     if back && frame.shading.w > 0.5 {
         n = -n;
     }

@@ -21,7 +21,8 @@ struct Frame {
     // x: 1 where occlusion is known. Of the light's face: y: least w that is drawn; z: largest
     // |x| / w and |y| / w, 0 for no limit; w: radius of the disc, or of parallel light its tangent.
     shadow: vec4<f32>,
-    // x: what rounding may do to positions, world space; y: 1 where parts of a picture must agree.
+    // x: what rounding may do to positions, world space; y: 1 where parts of a picture must agree; w: 1 where
+    // planes that cut the statue open show cut faces.
     bias: vec4<f32>,
     // Points: model lengths of clip.x, of clip.y, and of clip.w (in parallel views of clip.z), and of a
     // lattice step.
@@ -33,6 +34,10 @@ struct Frame {
     size: vec4<u32>,
     // The part of the picture that is drawn: its first pixel, its width and height.
     window: vec4<u32>,
+    // Planes that cut the statue open: nothing is drawn where one of them · (ndc.xy, depth, 1) > 0.
+    clip: array<vec4<f32>, 3>,
+    // Linear light of their cut faces.
+    clip_colours: array<vec4<f32>, 3>,
 }
 
 struct Vertex {
@@ -115,4 +120,44 @@ fn in_window(clip: vec4<f32>) -> vec4<f32> {
     let part = vec2<f32>(frame.window.zw);
     let middle = (whole - 2.0 * vec2<f32>(frame.window.xy)) / part - 1.0;
     return vec4(clip.xy * whole / part + vec2(middle.x, -middle.y) * clip.w, clip.zw);
+}
+
+// Whether planes cut the statue open. Known when pipelines are made: a branch in the innermost loop costs
+// half as much again as all of it.
+override CLIPPED: bool = false;
+
+// A pixel's place as planes are tested against it.
+fn clip_place(pixel: vec2<f32>, depth: f32) -> vec4<f32> {
+    let ndc = (pixel / vec2<f32>(frame.size.xy) * 2.0 - 1.0) * vec2(1.0, -1.0);
+    return vec4(ndc, depth, 1.0);
+}
+
+// The plane through which a line of sight comes from what is removed to a place: the last of several;
+// 3 where it was never removed.
+fn entered_plane(place: vec4<f32>) -> u32 {
+    var entered = 3u;
+    // Depth is reversed: less is farther.
+    var farthest = 3.4e38;
+    for (var i = 0u; i < 3u; i++) {
+        let plane = frame.clip[i];
+        let depth = -(dot(plane.xy, place.xy) + plane.w) / plane.z;
+        if plane.z > 0.0 && depth >= place.z && depth <= 1.0 && depth < farthest {
+            farthest = depth;
+            entered = i;
+        }
+    }
+    return entered;
+}
+
+// Whether a place of the surface is not drawn.
+fn is_removed(place: vec4<f32>) -> bool {
+    return dot(frame.clip[0], place) > 0.0
+        || dot(frame.clip[1], place) > 0.0
+        || dot(frame.clip[2], place) > 0.0;
+}
+
+// Whether what has this number is a triangle of a skirt.
+fn is_of_skirt(number: u32) -> bool {
+    let any_moved = indices[3u * number] | indices[3u * number + 1u] | indices[3u * number + 2u];
+    return (any_moved & MOVED) != 0u && !is_point(number);
 }

@@ -98,6 +98,9 @@ fn small_point(chunk: Chunk, number: u32) {
         for (var column = first.x; column <= last.x; column++) {
             let splat = splat_at(p, vec2(f32(column), f32(row)) + 0.5);
             if splat.covered {
+                if CLIPPED && is_removed(clip_place(vec2(f32(column), f32(row)) + 0.5, splat.depth)) {
+                    continue;
+                }
                 let identity = frame.size.z + number + 1u;
                 let depth = bitcast<u32>(clamp(splat.depth, 0.0, 1.0));
                 let word = (u64(depth) << 32u) | u64(identity);
@@ -176,6 +179,10 @@ fn small_triangle(chunk: Chunk, triangle: u32) {
             let to_c = area - to_a - to_b;
             if to_a >= 0 && to_b >= 0 && to_c >= 0 {
                 let depth = depth_a + dot(vec2(f32(to_b), f32(to_c)), slope);
+                if CLIPPED
+                    && is_removed(clip_place(vec2(f32(column), f32(row)) + 0.5, depth)) {
+                    continue;
+                }
                 let word = (u64(bitcast<u32>(max(depth, 0.0))) << 32u) | u64(identity);
                 atomicMax(&pixels[word_at(vec2(column, row))], word);
             }

@@ -19,7 +19,8 @@ fn splats_vertex(@builtin(vertex_index) corner: u32) -> Fragment {
 @fragment
 fn splats_fragment(in: Fragment) -> Drawn {
     let splat = splat_at(point_of(in.number, 0u), in_picture(in.clip.xy));
-    if !splat.covered {
+    let place = clip_place(in_picture(in.clip.xy), splat.depth);
+    if !splat.covered || (CLIPPED && is_removed(place)) {
         discard;
     }
     return Drawn(frame.size.z + in.number + 1u, clamp(splat.depth, 0.0, 1.0));

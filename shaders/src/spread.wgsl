@@ -103,6 +103,10 @@ fn spread_triangle(
             let to_c = area - to_a - to_b;
             if to_a >= 0 && to_b >= 0 && to_c >= 0 {
                 let depth = depth_a + dot(vec2(f32(to_b), f32(to_c)), slope);
+                if CLIPPED
+                    && is_removed(clip_place(vec2(f32(column), f32(row)) + 0.5, depth)) {
+                    continue;
+                }
                 let word = (u64(bitcast<u32>(clamp(depth, 0.0, 1.0))) << 32u) | u64(identity);
                 atomicMax(&pixels[word_at(vec2(column, row))], word);
             }
@@ -120,6 +124,10 @@ fn spread_point(entry: u32, stripe: u32, stripes: u32, i: u32) {
         for (var column = first.x + i32(i); column <= last.x; column += 64) {
             let splat = splat_at(p, vec2(f32(column), f32(row)) + 0.5);
             if splat.covered {
+                if CLIPPED
+                    && is_removed(clip_place(vec2(f32(column), f32(row)) + 0.5, splat.depth)) {
+                    continue;
+                }
                 let depth = bitcast<u32>(clamp(splat.depth, 0.0, 1.0));
                 let word = (u64(depth) << 32u) | u64(frame.size.z + number + 1u);
                 atomicMax(&pixels[word_at(vec2(column, row))], word);

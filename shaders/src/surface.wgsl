@@ -14,6 +14,9 @@ fn surface_vertex(@builtin(vertex_index) corner: u32) -> Fragment {
 
 @fragment
 fn surface_fragment(in: Fragment, @builtin(front_facing) front: bool) -> @location(0) u32 {
+    if CLIPPED && is_removed(clip_place(in_picture(in.clip.xy), in.clip.z)) {
+        discard;
+    }
     let identity = frame.size.z + in.triangle + 1u;
     return select(identity | BACK, identity, front);
 }

@@ -1,6 +1,7 @@
 //! Tests that need more than one crate.
 
 mod build;
+mod clip;
 mod documents;
 mod dust;
 mod figures;

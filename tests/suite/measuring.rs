@@ -233,6 +233,7 @@ fn what_a_session_holds_is_measured_again_and_written_for_others() {
     ]);
     let region = [[5.0, 5.0, 2.0], [15.0, 5.0, 2.0], [15.0, 15.0, 2.0], [5.0, 15.0, 2.0]];
     session.notes = Arc::new(vec![Note {
+        area: None,
         title: "patch".into(),
         text: "worn".into(),
         category: "damage".into(),
@@ -309,6 +310,7 @@ fn a_hundred_thousand_notes_are_read_and_written() {
     let leaves = block_leaves(folder.path());
     let mut session = Session::new(leaves.path(), leaves.header());
     let note = Note {
+        area: None,
         title: "mark".into(),
         text: "a chisel's".into(),
         category: String::new(),

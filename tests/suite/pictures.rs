@@ -45,6 +45,7 @@ pub fn shot(framing: &Framing, representation: Representation) -> Shot {
         sample_offset_px: glam::DVec2::ZERO,
         draw_backs: false,
         backs_magenta: false,
+        clip: hlod_render::clip::ClipPlanes::default(),
     }
 }
 

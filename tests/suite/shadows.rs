@@ -157,6 +157,7 @@ fn shot(eye: DVec3, light: Light) -> Shot {
         sample_offset_px: DVec2::ZERO,
         draw_backs: false,
         backs_magenta: false,
+        clip: hlod_render::clip::ClipPlanes::default(),
     }
 }
 

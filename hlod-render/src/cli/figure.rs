@@ -63,12 +63,16 @@ pub fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
     let unit = unit_of(opened.models[0].header().unit, figure.unit)?;
     let scale = figure.scale.zip(dpi).map(|(reduction, dpi)| Scale { reduction, dpi });
     let view = saved_view(&args.session, &args.file, opened.models[0].header())?;
-    let viewpoint = view.as_ref().map(|view| view.viewpoint.camera(&opened.framing));
+    let viewpoint = view.as_ref().map(|(view, _)| view.viewpoint.camera(&opened.framing));
     let (camera, (width, height)) = shot_camera(args, viewpoint, &opened.framing, scale, unit)?;
     let mut shot = shot(&args.draw, camera, &opened.framing)?;
     shot.paint = args.paint.paint();
-    if let Some(view) = &view {
-        shot = view.looks.apply(shot, &opened.framing);
+    if let Some((view, clip)) = &view {
+        let lit = view.looks.apply(shot, &opened.framing);
+        shot = lit.cut_open(*clip);
+        if lit.shadow != shot.shadow {
+            eprintln!("hlod-render: shadows are not drawn of a statue that is cut open");
+        }
     }
     let mut sheet = Sheet::of(&shot, width, height);
     sheet.transparent = figure.transparent;

@@ -162,6 +162,7 @@ fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Fail
         sample_offset_px: glam::DVec2::ZERO,
         draw_backs: false,
         backs_magenta: false,
+        clip: hlod_render::clip::ClipPlanes::default(),
     })
 }
 

@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 use comfy_table::{CellAlignment, Table, presets};
 use glam::{DVec2, DVec3};
 use hlod_compress::Header;
+use hlod_render::clip::ClipPlanes;
 use hlod_render::framing::Framing;
 use hlod_render::leaves::Leaves;
 use hlod_render::lens::Lens;
@@ -163,12 +164,12 @@ pub fn load_session(
     Ok((session, remarks))
 }
 
-/// The view that was asked for, if one was.
+/// A saved view of a session, and the planes that cut the statue open there.
 pub fn saved_view(
     args: &SessionArgs,
     file: &Path,
     header: &Header,
-) -> Result<Option<SavedView>, Failure> {
+) -> Result<Option<(SavedView, ClipPlanes)>, Failure> {
     let (Some(path), Some(name)) = (&args.session, &args.view) else { return Ok(None) };
     let (session, _) = load_session(path, file, header)?;
     let view = session.view(name).cloned().ok_or_else(|| {
@@ -176,7 +177,7 @@ pub fn saved_view(
         let names = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
         Failure::Usage(format!("{}: no view “{name}”; there are: {names}", path.display()))
     })?;
-    Ok(Some(view))
+    Ok(Some((view, session.clip_planes())))
 }
 
 pub fn run_measure(args: &MeasureArgs) -> Outcome {

@@ -3,6 +3,7 @@
 
 mod chunks;
 mod explain;
+mod sets;
 mod shadow;
 mod small;
 mod soft;
@@ -12,11 +13,13 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec4};
 
 use crate::arena::Arena;
+use crate::clip::PLANES_MAX;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::scene::{Paint, Shot};
 pub(crate) use explain::DrawnPart;
 use explain::Explain;
+pub(crate) use sets::PassSets;
 use shadow::{DrawnRange, HardShadows, LightFace};
 use small::SmallTriangles;
 use soft::SoftShadows;
@@ -45,7 +48,8 @@ pub struct FrameUniform {
     pub light_from_model: Mat4,
     /// Whether occlusion is known; of a light's face: least w, largest tangent or 0.
     pub shadow: Vec4,
-    /// What rounding may do to positions, world space; whether parts of a picture must agree.
+    /// What rounding may do to positions, world space; whether parts of a picture must agree; nothing;
+    /// whether cut faces are painted.
     pub bias: Vec4,
     /// Points: model lengths of clip.x, of clip.y, and of clip.w or, in parallel views, clip.z; and of a
     /// lattice step.
@@ -56,6 +60,10 @@ pub struct FrameUniform {
     pub size: [u32; 4],
     /// The part of the picture that is drawn: its first pixel, its width and height.
     pub window: [u32; 4],
+    /// Planes that cut the statue open: see [`crate::clip`].
+    pub clip: [Vec4; PLANES_MAX],
+    /// Linear light of their cut faces.
+    pub clip_colours: [Vec4; PLANES_MAX],
 }
 
 /// Uniforms lie this far apart in their buffer: a multiple of 256 is what every adapter allows.
@@ -152,7 +160,9 @@ pub(crate) struct Passes {
 }
 
 impl Passes {
-    pub(crate) fn new(gpu: &Gpu, output: wgpu::TextureFormat) -> Passes {
+    /// Compiles them; `is_clipped` for statues that are cut open, of which others draw everything.
+    pub(crate) fn new(gpu: &Gpu, output: wgpu::TextureFormat, is_clipped: bool) -> Passes {
+        let constants = constants(is_clipped);
         let device = &gpu.device;
         let storage = |binding, visibility| storage_entry(binding, visibility, true);
         let both = wgpu::ShaderStages::VERTEX_FRAGMENT;
@@ -228,7 +238,7 @@ impl Passes {
                 vertex: wgpu::VertexState {
                     module: &module,
                     entry_point: Some(&format!("{}_vertex", pass.name)),
-                    compilation_options: Default::default(),
+                    compilation_options: with(&constants),
                     buffers: &[],
                 },
                 primitive: wgpu::PrimitiveState { cull_mode, ..Default::default() },
@@ -237,7 +247,7 @@ impl Passes {
                 fragment: Some(wgpu::FragmentState {
                     module: &module,
                     entry_point: Some(&format!("{}_fragment", pass.name)),
-                    compilation_options: Default::default(),
+                    compilation_options: with(&constants),
                     targets: &[Some(wgpu::ColorTargetState {
                         format: target,
                         blend: None,
@@ -265,7 +275,7 @@ impl Passes {
             shade: pipeline(hlod_shaders::SHADE, &shade_layout, None, output, where_drawn),
             uniforms: buffer(gpu, "uniforms", 16 * UNIFORM_STRIDE, wgpu::BufferUsages::UNIFORM),
             indirect: buffer(gpu, "draws", 1024 * 16, wgpu::BufferUsages::INDIRECT),
-            small: SmallTriangles::new(gpu, &geometry_layout),
+            small: SmallTriangles::new(gpu, &geometry_layout, &constants),
             shadow: HardShadows::new(gpu, &geometry_layout),
             soft: SoftShadows::new(gpu, &geometry_layout),
             unoccluded: buffer(gpu, "unoccluded", 4, wgpu::BufferUsages::STORAGE),
@@ -542,11 +552,23 @@ fn storage_entry(
 }
 
 /// Pipelines for some of a pass' entry points.
+/// What pipelines are compiled with: see `CLIPPED` in `shared.wgsl`.
+type Constants = [(&'static str, f64); 1];
+
+fn constants(is_clipped: bool) -> Constants {
+    [("CLIPPED", f64::from(u8::from(is_clipped)))]
+}
+
+fn with(constants: &Constants) -> wgpu::PipelineCompilationOptions<'_> {
+    wgpu::PipelineCompilationOptions { constants, ..Default::default() }
+}
+
 fn compute_pipelines<const N: usize>(
     gpu: &Gpu,
     groups: &[Option<&wgpu::BindGroupLayout>],
     pass: hlod_shaders::Pass,
     entry_points: [&str; N],
+    constants: &Constants,
 ) -> [wgpu::ComputePipeline; N] {
     let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some(pass.name),
@@ -563,7 +585,7 @@ fn compute_pipelines<const N: usize>(
             layout: Some(&layout),
             module: &module,
             entry_point: Some(entry_point),
-            compilation_options: Default::default(),
+            compilation_options: with(constants),
             cache: None,
         })
     })

@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable};
 use super::chunks::Chunks;
 use super::soft::{SoftShadows, SoftWork};
 use super::{
-    Hidden, Range, Rectangle, Targets, buffer, compute_pipelines, entry, storage_entry,
+    Hidden, Range, Rectangle, Targets, buffer, compute_pipelines, constants, entry, storage_entry,
     write_growing,
 };
 use crate::error::RenderError;
@@ -107,10 +107,10 @@ impl HardShadows {
         let groups = [Some(geometry_layout), Some(&layout)];
         let names = ["place", "measure", "lay_out", "bin"];
         let [place, measure, lay_out, bin] =
-            compute_pipelines(gpu, &groups, hlod_shaders::SAMPLES, names);
+            compute_pipelines(gpu, &groups, hlod_shaders::SAMPLES, names, &constants(false));
         let names = ["occlude", "occlude_tiles"];
         let [occlude, occlude_tiles] =
-            compute_pipelines(gpu, &groups, hlod_shaders::OCCLUDE, names);
+            compute_pipelines(gpu, &groups, hlod_shaders::OCCLUDE, names, &constants(false));
         let usage = wgpu::BufferUsages::STORAGE;
         HardShadows {
             place,

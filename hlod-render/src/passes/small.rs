@@ -5,8 +5,8 @@
 
 use super::chunks::Chunks;
 use super::{
-    DEPTH_FORMAT, IDENTITY_FORMAT, Range, Targets, buffer, compute_pipelines, entry, storage_entry,
-    write_growing,
+    Constants, DEPTH_FORMAT, IDENTITY_FORMAT, Range, Targets, buffer, compute_pipelines, entry,
+    storage_entry, with, write_growing,
 };
 use crate::gpu::Gpu;
 
@@ -43,6 +43,7 @@ impl SmallTriangles {
     pub(super) fn new(
         gpu: &Gpu,
         geometry_layout: &wgpu::BindGroupLayout,
+        constants: &Constants,
     ) -> Option<SmallTriangles> {
         if !gpu.small_triangles {
             return None;
@@ -79,8 +80,8 @@ impl SmallTriangles {
             })
         };
         let groups = [Some(geometry_layout), Some(&compute_layout)];
-        let [small] = compute_pipelines(gpu, &groups, hlod_shaders::SMALL, ["small"]);
-        let [spread] = compute_pipelines(gpu, &groups, hlod_shaders::SPREAD, ["spread"]);
+        let [small] = compute_pipelines(gpu, &groups, hlod_shaders::SMALL, ["small"], constants);
+        let [spread] = compute_pipelines(gpu, &groups, hlod_shaders::SPREAD, ["spread"], constants);
         let list_pipeline_layout = pipeline_layout("list", &list_layout);
         let render = |pass: hlod_shaders::Pass| {
             let module = module(pass);
@@ -90,7 +91,7 @@ impl SmallTriangles {
                 vertex: wgpu::VertexState {
                     module: &module,
                     entry_point: Some(&format!("{}_vertex", pass.name)),
-                    compilation_options: Default::default(),
+                    compilation_options: with(constants),
                     buffers: &[],
                 },
                 primitive: wgpu::PrimitiveState::default(),
@@ -105,7 +106,7 @@ impl SmallTriangles {
                 fragment: Some(wgpu::FragmentState {
                     module: &module,
                     entry_point: Some(&format!("{}_fragment", pass.name)),
-                    compilation_options: Default::default(),
+                    compilation_options: with(constants),
                     targets: &[Some(IDENTITY_FORMAT.into())],
                 }),
                 multiview_mask: None,

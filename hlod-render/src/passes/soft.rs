@@ -1,7 +1,7 @@
 //! Soft shadows: see `soften.wgsl`.
 
 use super::shadow::{LightFace, Work};
-use super::{Rectangle, Targets, buffer, compute_pipelines, entry, storage_entry};
+use super::{Rectangle, Targets, buffer, compute_pipelines, constants, entry, storage_entry};
 use crate::arena::Arena;
 use crate::gpu::Gpu;
 
@@ -58,10 +58,16 @@ impl SoftShadows {
         let edge_layout = group_layout("edges", &[storage(0, true)]);
         let settle_layout = group_layout("settle", &[storage(0, false), storage(1, true)]);
         let groups = [Some(geometry_layout), Some(&layout), Some(&edge_layout)];
-        let [soften, soften_tiles] =
-            compute_pipelines(gpu, &groups, hlod_shaders::SOFTEN, ["soften", "soften_tiles"]);
+        let [soften, soften_tiles] = compute_pipelines(
+            gpu,
+            &groups,
+            hlod_shaders::SOFTEN,
+            ["soften", "soften_tiles"],
+            &constants(false),
+        );
         let groups = [Some(geometry_layout), Some(&settle_layout)];
-        let [settle] = compute_pipelines(gpu, &groups, hlod_shaders::SETTLE, ["settle"]);
+        let [settle] =
+            compute_pipelines(gpu, &groups, hlod_shaders::SETTLE, ["settle"], &constants(false));
         let usage = wgpu::BufferUsages::STORAGE;
         SoftShadows {
             soften,

@@ -23,6 +23,7 @@ pub use history::History;
 pub use store::{Saver, SessionFile, free_beside, load, place_of, save};
 pub use view::{LightFrame, Looks, PaintName, SavedView, ShadowName, Viewpoint};
 
+use crate::clip::{ClipPlanes, PLANES_MAX};
 use crate::measure::{Measurement, SurfacePoint};
 use crate::section::Plane;
 
@@ -31,7 +32,7 @@ pub const VERSION: u32 = 1;
 /// More of anything is taken for damage.
 pub const COUNT_MAX: usize = 1_000_000;
 /// Planes that cut the statue at the same time.
-pub const SECTIONS_MAX: usize = 3;
+pub const SECTIONS_MAX: usize = PLANES_MAX;
 /// Longer texts are taken for damage.
 const TEXT_BYTES_MAX: usize = 1 << 20;
 
@@ -112,6 +113,9 @@ pub struct SectionPlane {
     pub offset: f64,
     /// Whether its outline is shown.
     pub shown: bool,
+    /// Whether the statue is cut open: what lies where the normal points is not drawn.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub opens: bool,
 }
 
 /// Something written about a place.
@@ -132,6 +136,10 @@ pub struct Note {
     pub shape: NoteShape,
     /// One point, or a line's corners on the surface.
     pub points: Vec<SurfacePoint>,
+    /// Of a region, the area along the surface, in the source's unit squared, as it was when it was marked;
+    /// there is no proven bound.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub area: Option<f64>,
 }
 
 /// What a note marks.
@@ -239,6 +247,11 @@ impl Session {
         Ok(())
     }
 
+    /// The planes that cut the statue open.
+    pub fn clip_planes(&self) -> ClipPlanes {
+        ClipPlanes::new(self.sections.iter().map(|s| s.opens.then(|| s.plane())))
+    }
+
     /// A view by its name.
     pub fn view(&self, name: &str) -> Option<&SavedView> {
         self.views.iter().find(|view| view.name == name)
@@ -317,6 +330,9 @@ impl Note {
         }
         if self.points.len() > COUNT_MAX {
             return Err(format!("{} points are too many", self.points.len()));
+        }
+        if self.area.is_some_and(|area| !(area >= 0.0 && area.is_finite())) {
+            return Err("`area` must not be negative".into());
         }
         self.points.iter().try_for_each(SurfacePoint::validate)
     }

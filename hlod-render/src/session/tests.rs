@@ -64,6 +64,7 @@ fn worked_on() -> Session {
         normal: [0.0, 1.0, 0.0],
         offset: 12.5,
         shown: true,
+        opens: true,
     }]);
     session.notes = Arc::new(vec![Note {
         title: "crack".into(),
@@ -72,6 +73,7 @@ fn worked_on() -> Session {
         colour: "#d08030".into(),
         shape: NoteShape::Region,
         points: vec![point(0.0), point(1.0), point(2.0)],
+        area: Some(2.5),
     }]);
     session
 }

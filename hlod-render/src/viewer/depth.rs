@@ -7,7 +7,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 use crate::gpu::Gpu;
 use crate::lens::Lens;
@@ -15,6 +15,8 @@ use crate::passes::Targets;
 
 /// How far round the cursor a surface is looked for where it lies on the background, in pixels.
 const SEARCH_PX: i64 = 3;
+/// What is no farther behind the surface than so many pixels are long is on it.
+const NEAR_SURFACE_PX: f64 = 4.0;
 
 /// Copies of the depth of pictures.
 #[derive(Default)]
@@ -124,6 +126,15 @@ impl DepthPicture {
         nearest.map(|(_, depth)| depth)
     }
 
+    /// All of it at once, for many questions.
+    pub fn read(&self) -> Option<DepthView> {
+        Some(DepthView {
+            bytes: self.buffer.get_mapped_range(..).ok()?,
+            row_bytes: self.row_bytes as usize,
+            lens: self.lens,
+        })
+    }
+
     fn texel(&self, x: i64, y: i64) -> Option<f64> {
         let (width, height) = (self.lens.size.x as i64, self.lens.size.y as i64);
         if x < 0 || y < 0 || x >= width || y >= height {
@@ -135,5 +146,40 @@ impl DepthPicture {
         let bytes: [u8; 8] = mapped[..].try_into().ok()?;
         let [a, b]: [f32; 2] = bytemuck::cast(bytes);
         self.lens.depth_from_buffer(f64::from(if x % 2 == 0 { a } else { b }))
+    }
+}
+
+/// The depth of a picture while it is being read.
+pub struct DepthView {
+    bytes: wgpu::BufferView,
+    row_bytes: usize,
+    lens: Lens,
+}
+
+impl DepthView {
+    /// Whether the surface hides a point. What is nearer than a few pixels' length behind it is not
+    /// hidden: the surface is shown with an error, and marks are on it.
+    pub fn hides(&self, point: DVec3) -> bool {
+        let Some(pixel) = self.lens.pixel_of(point) else { return false };
+        let depth = self.lens.depth_of(point);
+        let slack = NEAR_SURFACE_PX * self.lens.pixel_length(depth);
+        let (x, y) = (pixel.x.floor() as i64, pixel.y.floor() as i64);
+        // Of its neighbourhood the farthest: on outlines and steep slopes a pixel decides little.
+        let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
+        around.into_iter().all(|(x, y)| {
+            self.buffer_at(x, y).is_some_and(|value| {
+                self.lens.depth_from_buffer(value).is_some_and(|surface| surface + slack < depth)
+            })
+        })
+    }
+
+    fn buffer_at(&self, x: i64, y: i64) -> Option<f64> {
+        let (width, height) = (self.lens.size.x as i64, self.lens.size.y as i64);
+        if x < 0 || y < 0 || x >= width || y >= height {
+            return None;
+        }
+        let at = y as usize * self.row_bytes + x as usize * 4;
+        let bytes = self.bytes.get(at..at + 4)?;
+        Some(f64::from(f32::from_le_bytes(bytes.try_into().ok()?)))
     }
 }

@@ -79,7 +79,8 @@ impl Other {
             target: shot.camera.target + self.offset,
             ..shot.camera
         };
-        let mut shot = Shot { camera, ..*shot };
+        let clip = shot.clip.moved(self.offset);
+        let mut shot = Shot { camera, clip, ..*shot };
         if check_models(&self.models, shot.shadow).is_err() {
             shot.shadow = Shadow::Hard;
         }

@@ -5,10 +5,9 @@ use egui::{Align2, Color32, FontId, Grid, RichText, Slider, Ui};
 use super::bindings::{Action, HELP};
 use super::light::{Lamp, PRESETS, RAKING_DEG};
 use super::settings::Settings;
-use super::work::{Work, desk, desk::Wishes, overlay};
+use super::work::{Work, desk, desk::Wishes, overlay::Overlay};
 use crate::frame::FrameStats;
 use crate::framing::NAMED_VIEWS;
-use crate::lens::Lens;
 use crate::scene::{Material, Paint, Representation, Shadow};
 use crate::session::LightFrame;
 
@@ -42,6 +41,8 @@ pub struct Readings {
     pub resident_bytes: u64,
     /// Bytes read from the file.
     pub bytes_read: u64,
+    /// Whether planes cut the statue open.
+    pub cut_open: bool,
     /// Whether rays are parallel.
     pub parallel: bool,
     /// The second statue's name, and where the line before it is: share of the picture's width.
@@ -65,13 +66,13 @@ pub fn show(
     ui: &mut Ui,
     settings: &mut Settings,
     readings: &Readings,
-    (work, lens): (&Work, &Lens),
+    overlay: &Overlay<'_>,
     wishes: &mut Wishes,
 ) -> egui::Rect {
     if settings.panel_open {
         egui::Panel::right("panel").exact_size(WIDTH).resizable(false).show(ui, |ui| {
             egui::ScrollArea::vertical()
-                .show(ui, |ui| contents(ui, settings, readings, work, wishes));
+                .show(ui, |ui| contents(ui, settings, readings, overlay.work, wishes));
         });
     }
     if let Some((problem, count)) = &readings.problem {
@@ -91,7 +92,7 @@ pub fn show(
     }
     let rect = whole_pixels(ui.available_rect_before_wrap(), ui.pixels_per_point());
     if settings.marks_shown {
-        overlay::draw(ui.painter(), rect, lens, work);
+        overlay.draw(ui, rect, wishes);
     }
     if let Some((name, swipe)) = &readings.other {
         swipe_line(ui, rect, name, *swipe as f32);
@@ -227,6 +228,9 @@ fn light(ui: &mut Ui, settings: &mut Settings, readings: &Readings, wishes: &mut
                 .on_hover_text("of the statue on itself (H)");
         }
     });
+    if readings.cut_open && settings.shadow != Shadow::None {
+        ui.label(RichText::new("none while the statue is cut open").size(11.5));
+    }
     let is_soft = settings.shadow == Shadow::Soft;
     let size = Slider::new(&mut settings.light_size_deg, 0.0..=20.0).suffix("°").max_decimals(1);
     ui.add_enabled(is_soft, size.text("light's size"))

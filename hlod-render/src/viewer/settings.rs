@@ -109,6 +109,7 @@ impl Settings {
             sample_offset_px: glam::DVec2::ZERO,
             draw_backs: false,
             backs_magenta: false,
+            clip: crate::clip::ClipPlanes::default(),
         }
     }
 }

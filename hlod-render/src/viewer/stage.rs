@@ -48,7 +48,8 @@ pub struct Stage {
     pub quit: bool,
     tau: TauController,
     clock: FrameClock,
-    depth: DepthReader,
+    /// The depth of the last picture at rest.
+    pub depth: DepthReader,
     /// A drag began before the depth under the cursor was known: the pixel to ask for.
     anchor_wanted: Option<DVec2>,
     /// The last point that was known to be under the cursor, and where the cursor was.
@@ -142,6 +143,7 @@ impl Stage {
         }
         let shot =
             self.settings.shot(lens.camera, self.navigation.framing(), self.tau.factor(moving));
+        let shot = shot.cut_open(self.work.session().clip_planes());
         let same = self.drawn == Some((shot, lens.size));
         let draw = !same || self.models.iter().any(Model::is_loading);
         if draw {
@@ -418,6 +420,7 @@ impl Stage {
             link_problem: self.models[0].link_problem().map(str::to_owned),
             resident_bytes: self.models[0].resident_bytes(),
             bytes_read: self.models[0].bytes_read(),
+            cut_open: !self.work.session().clip_planes().is_none(),
             parallel: self.navigation.is_parallel(),
             flying: self.navigation.is_flying(),
             recording_secs: self.recording.as_ref().map(|r| r.secs(now)),

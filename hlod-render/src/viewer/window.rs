@@ -24,7 +24,7 @@ use super::panel;
 use super::screen::Screen;
 use super::settings::Settings;
 use super::stage::Stage;
-use super::work::{Work, desk::Wishes};
+use super::work::{Work, desk::Wishes, overlay::Overlay};
 use crate::error::RenderError;
 use crate::framing::Framing;
 use crate::gpu::Gpu;
@@ -210,7 +210,7 @@ impl Open {
         // The window is gone: nobody needs to know.
         let wake = move || drop(answered.send_event(Wake::Answered));
         let session = options.session.as_deref();
-        let work = Work::open(&options.file, session, model.header(), model.bounds(), wake);
+        let work = Work::open(&options.file, session, &model, wake);
         let mut settings = settings;
         let begun = work.session().looks;
         settings.set_looks(&Looks {
@@ -347,14 +347,16 @@ impl Open {
     fn lay_out(&mut self, now: Instant) -> Laid {
         let readings = self.stage.readings(&self.gpu, now);
         let lens = self.stage.navigation.lens();
-        let Stage { settings, work, .. } = &mut self.stage;
+        let Stage { settings, work, depth, .. } = &mut self.stage;
+        let depth = depth.latest().filter(|picture| picture.lens == lens);
+        let overlay = Overlay { work, lens: &lens, depth };
         let mut wishes = Wishes::default();
         let before = settings.clone();
         let mut rect = egui::Rect::NOTHING;
         let mut pixels_per_point = 1.0;
         let laid = self.gui.run(&self.gpu, &self.window, |ui| {
             pixels_per_point = ui.pixels_per_point();
-            rect = panel::show(ui, settings, &readings, (work, &lens), &mut wishes);
+            rect = panel::show(ui, settings, &readings, &overlay, &mut wishes);
         });
         self.gui_again =
             now.checked_add(laid.again_after).filter(|_| laid.again_after < Duration::MAX);

@@ -5,6 +5,7 @@ use std::sync::mpsc;
 
 use glam::DVec3;
 
+use crate::clip::ClipPlanes;
 use crate::error::RenderError;
 use crate::leaves::Leaves;
 use crate::measure::{Measured, MeasurementKind, SurfacePoint, measure};
@@ -20,6 +21,8 @@ pub enum Question {
         origin: DVec3,
         /// Of length 1.
         direction: DVec3,
+        /// What is not drawn is not picked.
+        clip: ClipPlanes,
     },
     /// A measurement between points.
     Measure {
@@ -27,6 +30,8 @@ pub enum Question {
         kind: MeasurementKind,
         /// Between which points.
         points: Vec<SurfacePoint>,
+        /// A region that a note marks, not a measurement.
+        of_note: bool,
     },
     /// Where a plane meets the scan.
     Section {
@@ -47,6 +52,8 @@ pub enum Answer {
         kind: MeasurementKind,
         /// Between which points.
         points: Vec<SurfacePoint>,
+        /// Whether a note asked.
+        of_note: bool,
         /// The result.
         result: Result<Measured, RenderError>,
     },
@@ -114,6 +121,18 @@ impl Clerk {
     }
 }
 
+/// What a ray meets of what is drawn.
+fn pick(
+    leaves: &Leaves,
+    origin: DVec3,
+    direction: DVec3,
+    clip: &ClipPlanes,
+) -> Result<Option<Hit>, RenderError> {
+    let Some((from, to)) = clip.interval(origin, direction) else { return Ok(None) };
+    let hit = first_hit(leaves, origin + direction * from, direction)?;
+    Ok(hit.filter(|hit| from + hit.distance <= to))
+}
+
 /// Answers one question, unless a later one makes it needless.
 fn respond(
     file: &std::path::Path,
@@ -134,12 +153,12 @@ fn respond(
     };
     let leaves = opened.map(|leaves| &*known.insert(leaves));
     Some(match question {
-        Question::Pick { origin, direction } => {
-            Answer::Picked(leaves.and_then(|l| first_hit(l, origin, direction)))
+        Question::Pick { origin, direction, clip } => {
+            Answer::Picked(leaves.and_then(|l| pick(l, origin, direction, &clip)))
         }
-        Question::Measure { kind, points } => {
+        Question::Measure { kind, points, of_note } => {
             let result = leaves.and_then(|l| measure(l, kind, &points));
-            Answer::Measured { kind, points, result }
+            Answer::Measured { kind, points, of_note, result }
         }
         Question::Section { number, plane } => {
             let section = leaves.and_then(|l| cut(l, &plane, None)).map(Box::new);

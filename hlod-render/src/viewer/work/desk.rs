@@ -7,7 +7,8 @@ use glam::DVec3;
 
 use super::overlay::caption;
 use super::tool::Task;
-use super::{Change, SECTION_COLOURS, Work};
+use super::{Change, Work};
+use crate::clip::PLANE_COLOURS;
 use crate::section::{Measures, Plane};
 use crate::session::{LightFrame, Note, SECTIONS_MAX, ScannerUncertainty, Session};
 use crate::viewer::bindings::Action;
@@ -50,7 +51,8 @@ impl Wishes {
         self.changes.push(Change { what, gradual: false, edit: Box::new(edit) });
     }
 
-    fn adjust(&mut self, what: &'static str, edit: impl FnOnce(&mut Session) + 'static) {
+    /// A step that is part of one motion, as a slider's.
+    pub fn adjust(&mut self, what: &'static str, edit: impl FnOnce(&mut Session) + 'static) {
         self.changes.push(Change { what, gradual: true, edit: Box::new(edit) });
     }
 }
@@ -178,7 +180,7 @@ pub fn sections(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
     });
     tools(ui, work, wishes, |task| task == Task::Section);
     for (i, section) in sections.iter().enumerate() {
-        let [r, g, b] = SECTION_COLOURS[i.min(SECTIONS_MAX - 1)];
+        let [r, g, b] = PLANE_COLOURS[i.min(SECTIONS_MAX - 1)];
         ui.horizontal(|ui| {
             let mut shown = section.shown;
             if ui.checkbox(&mut shown, "").on_hover_text("show its outline").changed() {
@@ -187,6 +189,18 @@ pub fn sections(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
                 });
             }
             ui.label(RichText::new(&section.name).color(egui::Color32::from_rgb(r, g, b)));
+            let mut opens = section.opens;
+            let hover = "without what is on the other side";
+            if ui.checkbox(&mut opens, "cut open").on_hover_text(hover).changed() {
+                wishes.change("cut open", move |s| Arc::make_mut(&mut s.sections)[i].opens = opens);
+            }
+            if ui.small_button("turn").on_hover_text("the plane's sides change places").clicked() {
+                wishes.change("turn section", move |s| {
+                    let section = &mut Arc::make_mut(&mut s.sections)[i];
+                    section.normal = section.normal.map(|n| -n);
+                    section.offset = -section.offset;
+                });
+            }
             if remove(ui) {
                 wishes.change("remove section", move |s| {
                     drop(Arc::make_mut(&mut s.sections).remove(i))
@@ -246,11 +260,11 @@ pub fn notes(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
     tools(ui, work, wishes, |task| matches!(task, Task::Note(_)));
     let notes = work.session().notes.clone();
     rows(ui, "notes", notes.len(), |ui, i| {
-        ui.vertical(|ui| note(ui, &notes[i], i, wishes));
+        ui.vertical(|ui| note(ui, &notes[i], i, &work.unit, wishes));
     });
 }
 
-fn note(ui: &mut Ui, note: &Note, i: usize, wishes: &mut Wishes) {
+fn note(ui: &mut Ui, note: &Note, i: usize, unit: &str, wishes: &mut Wishes) {
     ui.horizontal(|ui| {
         let mut colour = note.colour_rgb().unwrap_or([255; 3]);
         if ui.color_edit_button_srgb(&mut colour).changed() {
@@ -266,6 +280,9 @@ fn note(ui: &mut Ui, note: &Note, i: usize, wishes: &mut Wishes) {
             wishes.change("remove note", move |s| drop(Arc::make_mut(&mut s.notes).remove(i)));
         }
     });
+    if let Some(area) = note.area {
+        ui.label(RichText::new(format!("{area:.3} {unit}² along the surface")).size(SMALL));
+    }
     let mut category = note.category.clone();
     let field = TextEdit::singleline(&mut category).hint_text("category").desired_width(190.0);
     if ui.add(field).changed() {

@@ -27,16 +27,13 @@ use crate::files::write_whole;
 use crate::framing::Framing;
 use crate::lens::Lens;
 use crate::measure::{Measured, Measurement, MeasurementKind, SurfacePoint};
+use crate::model::Model;
 use crate::pick::Hit;
 use crate::section::{Measures, Plane, Section, Sheet};
 use crate::session::{
     History, ModelIdentity, Note, NoteShape, SECTIONS_MAX, SavedView, Saver, SectionPlane, Session,
     SessionFile, Viewpoint, free_beside, load, place_of,
 };
-
-/// Colours that people who see fewer can tell apart (Okabe & Ito 2008): orange, sky blue, green; and
-/// yellow for measurements.
-pub const SECTION_COLOURS: [[u8; 3]; SECTIONS_MAX] = [[230, 159, 0], [86, 180, 233], [0, 158, 115]];
 
 /// A step that changes the session, as the panel asks for it.
 pub struct Change {
@@ -74,6 +71,7 @@ pub struct Work {
     file: PathBuf,
     header: Header,
     bounds: (DVec3, DVec3),
+    is_closed: bool,
     unit: String,
     problems: Vec<String>,
 }
@@ -85,10 +83,10 @@ impl Work {
     pub fn open(
         file: &Path,
         session: Option<&Path>,
-        header: &Header,
-        bounds: (DVec3, DVec3),
+        model: &Model,
         wake: impl Fn() + Send + 'static,
     ) -> Work {
+        let header = model.header();
         let mut problems = Vec::new();
         let untouched = Session::new(file, header);
         let place = match session {
@@ -131,7 +129,8 @@ impl Work {
             finish_wanted: false,
             file: file.to_owned(),
             header: header.clone(),
-            bounds,
+            bounds: model.bounds(),
+            is_closed: model.is_closed(),
             unit: header.unit.name().to_owned(),
             problems,
         };
@@ -176,7 +175,8 @@ impl Work {
     fn ask_pick(&mut self, task: Option<Task>, lens: Lens, pixel: DVec2) {
         let (origin, direction) = lens.ray(pixel);
         self.picks.push_back((task, lens));
-        self.clerk.ask(Question::Pick { origin, direction });
+        let clip = self.session().clip_planes();
+        self.clerk.ask(Question::Pick { origin, direction, clip });
     }
 
     /// Ends what the tool was making, if there are points enough.
@@ -226,7 +226,12 @@ impl Work {
             changed = true;
             match answer {
                 Answer::Picked(result) => self.picked(result),
-                Answer::Measured { kind, points, result } => self.measured(kind, points, result),
+                Answer::Measured { points, of_note: true, result, .. } => {
+                    self.region_measured(points, result);
+                }
+                Answer::Measured { kind, points, result, .. } => {
+                    self.measured(kind, points, result);
+                }
                 Answer::Cut { number, plane, section } => self.cut(number, plane, section),
             }
         }
@@ -275,6 +280,9 @@ impl Work {
     fn picked(&mut self, result: Result<Option<Hit>, RenderError>) {
         let Some((wanted, lens)) = self.picks.pop_front() else { return };
         match (result, wanted) {
+            (Ok(Some(hit)), _) if hit.is_back && self.is_closed => {
+                self.problems.push("what is there is a cut face, not the scan's surface".into());
+            }
             (Ok(Some(hit)), None) => self.rake = Some(hit),
             (Ok(Some(hit)), Some(wanted)) => {
                 let pixel_length = lens.pixel_length(lens.depth_of(hit.position));
@@ -295,8 +303,15 @@ impl Work {
 
     fn complete(&mut self, task: Task, points: Vec<SurfacePoint>) {
         match task {
-            Task::Measure(kind) => self.clerk.ask(Question::Measure { kind, points }),
-            Task::Note(shape) => self.note(shape, points),
+            Task::Measure(kind) => {
+                self.clerk.ask(Question::Measure { kind, points, of_note: false });
+            }
+            // A region has an area: it becomes a note when that is known.
+            Task::Note(NoteShape::Region) => {
+                let kind = MeasurementKind::SurfaceArea;
+                self.clerk.ask(Question::Measure { kind, points, of_note: true });
+            }
+            Task::Note(shape) => self.note(shape, points, None),
             Task::Section => {
                 let places: Vec<DVec3> = points.iter().map(SurfacePoint::place).collect();
                 match Plane::through([places[0], places[1], places[2]]) {
@@ -330,7 +345,17 @@ impl Work {
         }
     }
 
-    fn note(&mut self, shape: NoteShape, points: Vec<SurfacePoint>) {
+    /// A region that has no area, as one that crosses itself, is a note nevertheless, and the reason is told.
+    fn region_measured(
+        &mut self,
+        points: Vec<SurfacePoint>,
+        result: Result<Measured, RenderError>,
+    ) {
+        let area = result.map_err(|error| self.problems.push(error.to_string())).ok();
+        self.note(NoteShape::Region, points, area.map(|area| area.value));
+    }
+
+    fn note(&mut self, shape: NoteShape, points: Vec<SurfacePoint>, area: Option<f64>) {
         self.history.edit("note", |session| {
             let title = format!("Note {}", session.notes.len() + 1);
             Arc::make_mut(&mut session.notes).push(Note {
@@ -340,6 +365,7 @@ impl Work {
                 colour: "#d55e00".into(),
                 shape,
                 points,
+                area,
             });
         });
     }
@@ -357,6 +383,7 @@ impl Work {
                 normal: plane.normal.to_array(),
                 offset: plane.offset,
                 shown: true,
+                opens: false,
             });
         });
         self.cut_again();

@@ -1,53 +1,79 @@
 //! What was measured, cut and noted, drawn over the statue's picture.
 
+mod handle;
+
 use std::cell::RefCell;
 use std::collections::HashSet;
 
-use egui::{Color32, FontId, Painter, Pos2, Rect, Stroke, pos2, vec2};
+use egui::{Color32, FontId, Painter, Pos2, Rect, Stroke, Ui, pos2, vec2};
 use glam::DVec3;
 
-use super::{SECTION_COLOURS, Work};
+use super::Work;
+use super::desk::Wishes;
+use crate::clip::PLANE_COLOURS;
 use crate::lens::Lens;
 use crate::measure::{Measurement, MeasurementKind, SurfacePoint};
 use crate::session::NoteShape;
+use crate::viewer::depth::{DepthPicture, DepthView};
 
 const MEASURED: Color32 = Color32::from_rgb(240, 228, 66);
 const PICKED: Color32 = Color32::WHITE;
+/// Share of its strength that a line has where the statue hides it.
+const HIDDEN_STRENGTH: f32 = 0.25;
 /// Width and height of the cells of which each has one mark, or one label, in points.
 const MARK_CELL: (f32, f32) = (2.0, 2.0);
 const LABEL_CELL: (f32, f32) = (24.0, 12.0);
 /// Lines are not finer than this on the screen, in points.
 const LINE_STEP: f32 = 0.75;
 
-/// Draws it into `rect`, where the statue's picture is.
-pub fn draw(painter: &Painter, rect: Rect, lens: &Lens, work: &Work) {
-    let painter = painter.with_clip_rect(rect);
-    let canvas = Canvas { painter, rect, lens: *lens, taken: RefCell::default() };
-    for (number, outline) in work.outlines.iter().enumerate() {
-        let [r, g, b] = SECTION_COLOURS[number.min(SECTION_COLOURS.len() - 1)];
-        let Some(section) = outline.as_ref().and_then(|o| o.section.as_ref()) else { continue };
-        for line in &section.0.lines {
-            canvas.line(line.points.iter().copied(), line.closed, Color32::from_rgb(r, g, b));
-        }
-    }
-    for note in work.session().notes.iter() {
-        let [r, g, b] = note.colour_rgb().unwrap_or([255; 3]);
-        let colour = Color32::from_rgb(r, g, b);
-        canvas.marks(&note.points, colour, note.shape == NoteShape::Region);
-        canvas.label(centre(&note.points), &note.title, colour);
-    }
-    for measurement in work.session().measurements.iter() {
-        let closed = measurement.kind == MeasurementKind::SurfaceArea;
-        canvas.marks(&measurement.points, MEASURED, closed);
-        let at = match (measurement.kind, &measurement.points[..]) {
-            (MeasurementKind::Angle, [_, vertex, _]) => vertex.place(),
-            (_, points) => centre(points),
+/// What is drawn over a picture, and through what it was taken.
+pub struct Overlay<'a> {
+    /// What was measured, cut and noted.
+    pub work: &'a Work,
+    /// How the picture was taken.
+    pub lens: &'a Lens,
+    /// Its depth, once it is at rest and that is known: then what is hidden is drawn faintly.
+    pub depth: Option<&'a DepthPicture>,
+}
+
+impl Overlay<'_> {
+    /// Draws it into `rect`, where the statue's picture is.
+    pub fn draw(&self, ui: &Ui, rect: Rect, wishes: &mut Wishes) {
+        let canvas = Canvas {
+            painter: ui.painter().with_clip_rect(rect),
+            rect,
+            lens: *self.lens,
+            depth: self.depth.and_then(DepthPicture::read),
+            taken: RefCell::default(),
         };
-        canvas.label(at, &caption(measurement, &work.unit), MEASURED);
-    }
-    if let Some(tool) = &work.tool {
-        canvas.marks(&tool.points, PICKED, tool.task.is_closed() && tool.points.len() > 2);
-        canvas.crosshair();
+        let work = self.work;
+        for (number, outline) in work.outlines.iter().enumerate() {
+            let [r, g, b] = PLANE_COLOURS[number.min(PLANE_COLOURS.len() - 1)];
+            let Some(section) = outline.as_ref().and_then(|o| o.section.as_ref()) else { continue };
+            for line in &section.0.lines {
+                canvas.line(line.points.iter().copied(), line.closed, Color32::from_rgb(r, g, b));
+            }
+        }
+        for note in work.session().notes.iter() {
+            let [r, g, b] = note.colour_rgb().unwrap_or([255; 3]);
+            let colour = Color32::from_rgb(r, g, b);
+            canvas.marks(&note.points, colour, note.shape == NoteShape::Region);
+            canvas.label(centre(&note.points), &note.title, colour);
+        }
+        for measurement in work.session().measurements.iter() {
+            let closed = measurement.kind == MeasurementKind::SurfaceArea;
+            canvas.marks(&measurement.points, MEASURED, closed);
+            let at = match (measurement.kind, &measurement.points[..]) {
+                (MeasurementKind::Angle, [_, vertex, _]) => vertex.place(),
+                (_, points) => centre(points),
+            };
+            canvas.label(at, &caption(measurement, &work.unit), MEASURED);
+        }
+        if let Some(tool) = &work.tool {
+            canvas.marks(&tool.points, PICKED, tool.task.is_closed() && tool.points.len() > 2);
+            canvas.crosshair();
+        }
+        handle::show(ui, &canvas, work, wishes);
     }
 }
 
@@ -78,6 +104,7 @@ struct Canvas {
     painter: Painter,
     rect: Rect,
     lens: Lens,
+    depth: Option<DepthView>,
     /// Places that have a mark or a label: where there are thousands, those beneath are not drawn.
     taken: RefCell<HashSet<(i32, i32)>>,
 }
@@ -106,30 +133,41 @@ impl Canvas {
         self.rect.expand(20.0).contains(place)
     }
 
-    /// A line, without points that are nearer together than a pixel.
-    fn line(&self, points: impl Iterator<Item = DVec3>, closed: bool, colour: Color32) {
-        let mut strip: Vec<Pos2> = Vec::new();
-        let mut first = None;
-        for point in points {
-            let Some(place) = self.screen(point) else {
-                self.strip(&mut strip, colour);
-                continue;
-            };
-            first.get_or_insert(place);
-            if strip.last().is_none_or(|last| last.distance(place) >= LINE_STEP) {
-                strip.push(place);
-            }
-        }
-        if closed {
-            strip.extend(first);
-        }
-        self.strip(&mut strip, colour);
+    /// Whether the statue is before a point, as far as that is known.
+    fn is_hidden(&self, point: DVec3) -> bool {
+        self.depth.as_ref().is_some_and(|depth| depth.hides(point))
     }
 
-    fn strip(&self, strip: &mut Vec<Pos2>, colour: Color32) {
+    /// A line, without points that are nearer together than a pixel; faint where it is hidden.
+    fn line(&self, points: impl Iterator<Item = DVec3> + Clone, closed: bool, colour: Color32) {
+        let first = points.clone().next().filter(|_| closed);
+        let mut strip: Vec<Pos2> = Vec::new();
+        let mut faint = false;
+        for point in points.chain(first) {
+            let Some(place) = self.screen(point) else {
+                self.strip(&mut strip, colour, faint);
+                continue;
+            };
+            if strip.last().is_some_and(|last| last.distance(place) < LINE_STEP) {
+                continue;
+            }
+            strip.push(place);
+            let hidden = self.is_hidden(point);
+            if hidden != faint {
+                // It ends here, and goes on from here.
+                self.strip(&mut strip, colour, faint);
+                strip.push(place);
+                faint = hidden;
+            }
+        }
+        self.strip(&mut strip, colour, faint);
+    }
+
+    fn strip(&self, strip: &mut Vec<Pos2>, colour: Color32, faint: bool) {
         let points = std::mem::take(strip);
         let bounds = Rect::from_points(&points);
         if points.len() > 1 && bounds.intersects(self.rect) {
+            let colour = if faint { colour.gamma_multiply(HIDDEN_STRENGTH) } else { colour };
             self.painter.add(egui::Shape::line(points, Stroke::new(1.5, colour)));
         }
     }
@@ -141,9 +179,12 @@ impl Canvas {
             let places = || points.iter().map(SurfacePoint::place);
             self.line(places(), closed, colour);
         }
-        for place in points.iter().filter_map(|p| self.screen(p.place())) {
+        for point in points.iter().map(SurfacePoint::place) {
+            let Some(place) = self.screen(point) else { continue };
             if self.is_seen(place) && self.is_free(place, MARK_CELL) {
-                self.painter.circle(place, 3.5, colour, Stroke::new(1.0, Color32::BLACK));
+                let strength = if self.is_hidden(point) { HIDDEN_STRENGTH } else { 1.0 };
+                let edge = Stroke::new(1.0, Color32::BLACK.gamma_multiply(strength));
+                self.painter.circle(place, 3.5, colour.gamma_multiply(strength), edge);
             }
         }
     }
