@@ -14,3 +14,4 @@ mod restart;
 mod section;
 mod shadows;
 mod streaming;
+mod textures;
