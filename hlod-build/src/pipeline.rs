@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use hlod_compress::{
     AttributeDeclaration, AttributeDomain, AttributeType, BlockRef, Header, Primitives, SignedAxis,
 };
-use hlod_scan::ScanReport;
+use hlod_scan::{ColourSource, ScanReport};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -38,6 +38,8 @@ pub struct BuildOptions {
     pub leaf_triangles: u32,
     /// Step of the leaves' lattice in the scan's unit; detected or estimated where `None`.
     pub precision: Option<f64>,
+    /// Where the colours of vertices are taken from.
+    pub colour: ColourSource,
     /// Differences of normals below this many times their noise in a node do not count as shading
     /// (α_tol); one step of an 8-bit shade never does.
     pub normal_noise: f32,
@@ -68,6 +70,7 @@ impl Default for BuildOptions {
             resolution: 256,
             leaf_triangles: 16_384,
             precision: None,
+            colour: ColourSource::Auto,
             normal_noise: NORMAL_NOISE,
             primitives: Primitives::Triangles,
             point_cost: POINT_COST,
@@ -212,7 +215,7 @@ fn divide(
     meter: &mut Meter,
     progress: &dyn Progress,
 ) -> Result<Divided, BuildError> {
-    let account = ingest(folder, inputs, memory.join_bytes, progress)?;
+    let account = ingest(folder, inputs, options.colour, memory.join_bytes, progress)?;
     meter.finish_stage("read");
 
     let (precision, full) = (options.precision, memory.subtree_triangles);
@@ -342,6 +345,7 @@ fn open_folder(
             resolution: options.resolution,
             leaf_triangles: options.leaf_triangles,
             precision: options.precision,
+            colour: options.colour,
             normal_noise: options.normal_noise,
             primitives: options.primitives.name().into(),
             point_cost: options.point_cost,

@@ -15,3 +15,4 @@ mod restart;
 mod section;
 mod shadows;
 mod streaming;
+mod textures;

@@ -44,6 +44,43 @@ pub enum ScanError {
         at: Spot,
     },
 
+    /// A texture that has to be used cannot be.
+    #[error("{at}: texture `{name}` {what}, or give --colour none")]
+    Texture {
+        /// The scan.
+        at: Spot,
+        /// As the scan names it.
+        name: String,
+        /// Why not, and what can be done.
+        what: String,
+    },
+
+    /// Colours are to be taken from textures, and there are none.
+    #[error(
+        "{at}: has no texture, from which --colour texture takes colours; give --colour vertex or none"
+    )]
+    NoTexture {
+        /// The scan.
+        at: Spot,
+    },
+
+    /// Textures take more memory than is allowed.
+    #[error(
+        "{at}: its textures up to `{name}` take {} MiB, where {} MiB of --memory are for them; give \
+         --memory {} MiB, scale them down, or give --colour none",
+        needed_bytes.div_ceil(1 << 20), allowed_bytes >> 20, needed_bytes.div_ceil(1 << 20) * 5 + 64
+    )]
+    TexturesTooLarge {
+        /// The scan.
+        at: Spot,
+        /// The texture that does not fit.
+        name: String,
+        /// What those before and this one take.
+        needed_bytes: u64,
+        /// What they may take.
+        allowed_bytes: u64,
+    },
+
     /// Zero bytes long.
     #[error("{at}: the file is empty; copy or export it again")]
     EmptyFile {
@@ -208,6 +245,9 @@ impl ScanError {
             | ScanError::NotAFile { at }
             | ScanError::NoInput { at }
             | ScanError::UnknownFormat { at }
+            | ScanError::Texture { at, .. }
+            | ScanError::NoTexture { at }
+            | ScanError::TexturesTooLarge { at, .. }
             | ScanError::EmptyFile { at }
             | ScanError::Io { at, .. }
             | ScanError::Scratch { at, .. }

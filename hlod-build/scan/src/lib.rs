@@ -10,13 +10,15 @@
 //! | STL | ASCII, binary | fixed |
 //! | glTF 2.0 | `.glb`, `.gltf` with sibling files or `data:` URIs | the JSON part, sparse accessors |
 //! | OBJ | vertices, normals, colours, faces | the whole model, on disk beyond the room given |
+//! | textures of OBJ, PLY and glTF | PNG, JPEG, TIFF; become colours of vertices | 4 bytes a texel, and 50 bytes a vertex, on disk beyond the room given |
 //!
 //! Files come from anywhere and are not trusted: a count is compared with the file's
 //! size before it is believed, every index is checked, and whatever is wrong is a
 //! [`ScanError`] that names file and place.
 //!
 //! Reading order of the source: `input` (buffer, words, lines), `ply` (the main
-//! format), `stl`, `obj`, `gltf`, then `polygon` (triangulation) and `mesh` (welding,
+//! format), `stl`, `obj`, `gltf`, `texture` (colours
+//! from images), then `polygon` (triangulation) and `mesh` (welding,
 //! normals).
 
 mod error;
@@ -28,8 +30,10 @@ mod paged;
 mod ply;
 mod polygon;
 mod report;
+mod sibling;
 mod sniff;
 mod stl;
+mod texture;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -40,6 +44,7 @@ use serde::{Deserialize, Serialize};
 pub use error::{Place, ScanError, Spot};
 pub use mesh::{NormalSum, ScanMesh, Weld, angle_weighted_normals, load, weld_exact};
 pub use report::ScanReport;
+pub use texture::{ColourReport, ColourSource, ColourTaken, TextureReport};
 
 use input::Input;
 use paged::Room;
@@ -147,6 +152,8 @@ pub struct ReadOptions<'a> {
     pub memory_bytes: usize,
     /// The folder where it puts the rest meanwhile, in files without names.
     pub scratch: &'a Path,
+    /// Where colours are taken from.
+    pub colour: ColourSource,
     /// Called now and then while the file is opened, which for OBJ takes two passes over all of it;
     /// gets the share of the file's bytes that is done and says whether to go on.
     pub progress: &'a mut dyn FnMut(u64) -> bool,
@@ -185,7 +192,7 @@ impl ScanReader {
     /// If the file cannot be opened, is of no format read here, or its header is
     /// wrong: in particular if it declares more than the file can hold.
     pub fn open(path: &Path) -> Result<ScanReader, ScanError> {
-        Self::open_in(path, Room::UNBOUNDED, &mut |_| true)
+        Self::open_in(path, Room::UNBOUNDED, ColourSource::default(), &mut |_| true)
     }
 
     /// The same with as much memory as is allowed: reads the same, however little it is.
@@ -197,12 +204,13 @@ impl ScanReader {
     pub fn open_within(path: &Path, options: ReadOptions<'_>) -> Result<ScanReader, ScanError> {
         let room =
             Room { bytes: options.memory_bytes, scratch: Some(options.scratch.to_path_buf()) };
-        Self::open_in(path, room, options.progress)
+        Self::open_in(path, room, options.colour, options.progress)
     }
 
     fn open_in(
         path: &Path,
         room: Room,
+        colour: ColourSource,
         progress: &mut dyn FnMut(u64) -> bool,
     ) -> Result<ScanReader, ScanError> {
         let mut input = Input::open(path)?;
@@ -211,12 +219,14 @@ impl ScanReader {
         let mut report = ScanReport::new(path.to_path_buf(), format, file_bytes);
         let opened = match format {
             ScanFormat::PlyAscii | ScanFormat::PlyLittleEndian | ScanFormat::PlyBigEndian => {
-                ply::open(input, &room, &mut report)?
+                ply::open(input, &room, colour, &mut report, progress)?
             }
-            ScanFormat::Obj => obj::open(input, &room, &mut report, progress)?,
+            ScanFormat::Obj => obj::open(input, &room, colour, &mut report, progress)?,
             ScanFormat::StlAscii => stl::open_ascii(input),
             ScanFormat::StlBinary => stl::open_binary(input, &mut report)?,
-            ScanFormat::Gltf | ScanFormat::Glb => gltf::open(input, &mut report)?,
+            ScanFormat::Gltf | ScanFormat::Glb => {
+                gltf::open(input, &room, colour, &mut report, progress)?
+            }
         };
         Ok(ScanReader {
             header: ScanHeader {

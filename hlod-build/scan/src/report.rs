@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use crate::ScanFormat;
+use crate::texture::ColourReport;
 
 /// Counts and remarks about one file, complete once its last batch was read.
 ///
@@ -37,6 +38,9 @@ pub struct ScanReport {
     pub normals_absent: u64,
     /// Vertices merged because their positions are equal ([`load`](crate::load) only).
     pub vertices_welded: u64,
+    /// Where colours come from.
+    #[serde(default)]
+    pub colours: ColourReport,
     /// Elements, properties and primitives passed over, by name, in file order.
     pub skipped: Vec<String>,
     /// What is odd about the file, but no reason to refuse it.
@@ -57,6 +61,7 @@ impl ScanReport {
             degenerate_faces: 0,
             strip_stitches: 0,
             normals_absent: 0,
+            colours: ColourReport::default(),
             vertices_welded: 0,
             skipped: Vec::new(),
             warnings: Vec::new(),

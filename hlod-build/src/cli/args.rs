@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use hlod_build::{BuildOptions, Selection};
 use hlod_compress::{Primitives, RepresentationKind, SignedAxis, Unit};
+use hlod_scan::ColourSource;
 
 /// Turn a scan into one .hlod file: an octree of levels of detail with known error.
 #[derive(Parser)]
@@ -77,6 +78,10 @@ pub struct BuildArgs {
     /// quantised, else a sixteenth of its short edges].
     #[arg(long, value_parser = positive)]
     pub precision: Option<f64>,
+    /// Where colours come from: auto (vertices where the scan has colours there, else its textures),
+    /// vertex, texture, or none. A vertex gets the mean of the texels that it stands for.
+    #[arg(long, default_value = "auto", value_name = "SOURCE")]
+    pub colour: ColourSource,
     /// Differences of normals below this many times their noise are not shading; more gives fewer
     /// triangles.
     #[arg(long, default_value_t = 2.0, value_name = "FACTOR", value_parser = not_negative)]
@@ -188,6 +193,7 @@ impl BuildArgs {
             primitives: self.representation,
             point_cost: self.point_cost,
             precision: self.precision,
+            colour: self.colour,
             unit: self.unit,
             up: self.up,
             front,

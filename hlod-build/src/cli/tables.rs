@@ -7,7 +7,7 @@ use hlod_build::synth::StatueReport;
 use hlod_build::{
     BuildReport, CompareReport, ExportReport, Info, StageCost, StepDescription, VerifyReport,
 };
-use hlod_scan::ScanReport;
+use hlod_scan::{ColourReport, ColourTaken, ScanReport};
 
 /// A borderless table whose first column is text and whose others are numbers.
 fn table(header: &[&str]) -> Table {
@@ -115,10 +115,44 @@ pub fn input_remarks(report: &ScanReport) -> Vec<String> {
     if !report.skipped.is_empty() {
         out.push(format!("not used: {}", report.skipped.join(", ")));
     }
+    out.extend(colour_remarks(&report.colours));
     if report.degenerate_faces > 0 {
         out.push(format!("{} degenerate faces left out", grouped(report.degenerate_faces)));
     }
     out.extend(report.warnings.iter().cloned());
+    out
+}
+
+/// Where colours come from, where there was a choice, and how much coarser than their texture they are.
+fn colour_remarks(colours: &ColourReport) -> Vec<String> {
+    let mut out = Vec::new();
+    if colours.taken == ColourTaken::Texture {
+        let sizes: Vec<String> = colours
+            .textures
+            .iter()
+            .map(|t| {
+                format!("{} ({} × {})", t.name, grouped(t.width.into()), grouped(t.height.into()))
+            })
+            .collect();
+        out.push(format!(
+            "colours are the mean of textures round each vertex, which stands for {:.1} texels: {}",
+            colours.texels_a_vertex,
+            sizes.join(", ")
+        ));
+    }
+    if !colours.left_out.is_empty() {
+        out.push(format!("colours not taken: {}", colours.left_out.join(", ")));
+    }
+    let counts = [
+        (colours.corners_nowhere, "corners of faces have no place in their texture"),
+        (
+            colours.corners_outside,
+            "corners of faces lie outside their texture, which goes on there",
+        ),
+        (colours.vertices_bare, "vertices have no colour and are white"),
+    ];
+    let found = counts.iter().filter(|(count, _)| *count > 0);
+    out.extend(found.map(|(count, what)| format!("{} {what}", grouped(*count))));
     out
 }
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use bytemuck::{Pod, Zeroable};
 use hlod_compress::SourceFile;
-use hlod_scan::{Batch, ReadOptions, ScanError, ScanReader, ScanReport};
+use hlod_scan::{Batch, ColourSource, ReadOptions, ScanError, ScanReader, ScanReport};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -60,13 +60,14 @@ pub(crate) struct Source {
 pub(crate) fn ingest(
     folder: &WorkFolder,
     inputs: &[PathBuf],
+    colour: ColourSource,
     memory_bytes: usize,
     progress: &dyn Progress,
 ) -> Result<Account, BuildError> {
     let account_file = folder.file(ACCOUNT);
     folder.step("ingest", &[VERTICES, TRIANGLES, ACCOUNT], || {
         let (account, identities) = rayon::join(
-            || read_all(folder, inputs, memory_bytes, progress),
+            || read_all(folder, inputs, colour, memory_bytes, progress),
             || inputs.par_iter().map(|p| identify(p)).collect::<Result<Vec<_>, _>>(),
         );
         let mut account = account?;
@@ -103,6 +104,7 @@ impl Source {
 fn read_all(
     folder: &WorkFolder,
     inputs: &[PathBuf],
+    colour: ColourSource,
     memory_bytes: usize,
     progress: &dyn Progress,
 ) -> Result<Account, BuildError> {
@@ -136,7 +138,8 @@ fn read_all(
             !progress.is_stopped()
         };
         let scratch = folder.file("");
-        let within = ReadOptions { memory_bytes, scratch: &scratch, progress: &mut while_opening };
+        let within =
+            ReadOptions { memory_bytes, scratch: &scratch, colour, progress: &mut while_opening };
         let mut reader = match ScanReader::open_within(path, within) {
             Err(ScanError::Stopped { .. }) => return Err(BuildError::Stopped(scratch)),
             opened => opened?,

@@ -9,6 +9,7 @@ use std::fs::{File, TryLockError};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
+use hlod_scan::ColourSource;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -74,6 +75,7 @@ pub(crate) struct StepOptions {
     pub(crate) resolution: u32,
     pub(crate) leaf_triangles: u32,
     pub(crate) precision: Option<f64>,
+    pub(crate) colour: ColourSource,
     pub(crate) normal_noise: f32,
     pub(crate) primitives: String,
     pub(crate) point_cost: f32,
@@ -85,11 +87,12 @@ impl std::fmt::Display for StepOptions {
             resolution,
             leaf_triangles,
             precision,
+            colour,
             normal_noise,
             primitives,
             point_cost,
         } = self;
-        write!(f, "resolution {resolution}, leaf triangles {leaf_triangles}, ")?;
+        write!(f, "resolution {resolution}, leaf triangles {leaf_triangles}, colour {colour}, ")?;
         write!(
             f,
             "normal noise {normal_noise}, {primitives}, point cost {point_cost}, precision "

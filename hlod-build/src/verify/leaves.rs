@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use hlod_compress::{CellKey, HlodFile, Lattice, MAX_DEPTH, Mesh, NodeRecord};
-use hlod_scan::{Batch, ReadOptions, ScanReader};
+use hlod_scan::{Batch, ColourSource, ReadOptions, ScanReader};
 use rayon::prelude::*;
 
 use super::check_page;
@@ -186,6 +186,8 @@ pub(super) fn each_batch(
     let options = ReadOptions {
         memory_bytes: READER_BYTES,
         scratch: &scratch,
+        // Only positions are compared.
+        colour: ColourSource::None,
         progress: &mut |_| !progress.is_stopped(),
     };
     let mut reader = ScanReader::open_within(path, options)?;

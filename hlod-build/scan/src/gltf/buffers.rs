@@ -1,15 +1,13 @@
 //! The bytes that a glTF document speaks of: the binary chunk, files, `data:` URIs.
-//!
-//! A document from outside must not reach files outside: a name resolves only within
-//! the folder of the document, after links are followed.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use ::gltf::json;
 
 use crate::error::{Place, ScanError, Spot};
+use crate::sibling;
 
 /// All buffers of a document, each opened when it is first needed.
 pub(super) struct Buffers {
@@ -39,6 +37,16 @@ impl Buffers {
             sources: root.buffers.iter().map(|_| None).collect(),
             sparse_items_left: SPARSE_ITEMS_MAX,
         }
+    }
+
+    /// The document's file.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The same, as a place for a message.
+    pub(super) fn at_file(&self) -> Spot {
+        Spot::new(&self.path, Place::File)
     }
 
     pub(super) fn at(&self, item: impl Into<String>) -> Spot {
@@ -89,6 +97,32 @@ impl Buffers {
         Ok(declared)
     }
 
+    /// The bytes of a view; `None` if they are more than `allowed`.
+    pub(super) fn read_view(
+        &mut self,
+        root: &json::Root,
+        index: usize,
+        allowed: u64,
+    ) -> Result<Option<Vec<u8>>, ScanError> {
+        let at = self.at(format!("bufferViews[{index}]"));
+        let Some(view) = root.buffer_views.get(index) else {
+            return Err(ScanError::malformed(at, "there is no such view"));
+        };
+        let buffer = view.buffer.value();
+        let buffer_bytes = self.open(root, buffer)?;
+        let (begin, bytes) = (view.byte_offset.unwrap_or_default().0, view.byte_length.0);
+        if begin.checked_add(bytes).is_none_or(|end| end > buffer_bytes) {
+            let what = format!("it does not lie within buffers[{buffer}]");
+            return Err(ScanError::malformed(at, what));
+        }
+        if bytes > allowed {
+            return Ok(None);
+        }
+        let mut out = vec![0; bytes as usize];
+        self.read(buffer, begin, &mut out)?;
+        Ok(Some(out))
+    }
+
     /// Fills `out` from byte `offset` of an open buffer.
     pub(super) fn read(
         &mut self,
@@ -122,41 +156,15 @@ impl Buffers {
 
 /// Opens the file that `uri` names beside (or in a folder beside) the document.
 fn open_sibling(document: &Path, uri: &str, at: &Spot) -> Result<(File, u64), ScanError> {
-    let refuse = |what: &str| {
-        let what = format!("buffer file `{uri}` {what}");
-        Err(ScanError::malformed(at.clone(), what))
+    let opened = match decode_percent(uri) {
+        Some(name) => sibling::open(document, &name),
+        None => Err("has a wrong % sequence in its name".into()),
     };
-    let Some(name) = decode_percent(uri) else {
-        return refuse("has a wrong % sequence in its name");
-    };
-    let components: Vec<_> = Path::new(&name).components().collect();
-    let is_plain = |c: &Component<'_>| matches!(c, Component::Normal(_) | Component::CurDir);
-    // Backslashes and colons are separators and drives on other systems.
-    if components.is_empty() || !components.iter().all(is_plain) || name.contains(['\\', ':']) {
-        return refuse("lies outside the folder of the document; put it beside the document");
-    }
-    let folder = match document.parent() {
-        Some(parent) if parent != Path::new("") => parent,
-        _ => Path::new("."),
-    };
-    let resolve = |path: &Path| path.canonicalize();
-    let (file_path, folder) = match (resolve(&folder.join(&name)), resolve(folder)) {
-        (Ok(file_path), Ok(folder)) => (file_path, folder),
-        _ => return refuse("is not there; put it beside the document"),
-    };
-    if !file_path.starts_with(&folder) {
-        return refuse("is a link that leads outside the folder of the document");
-    }
-    let metadata = std::fs::metadata(&file_path).map_err(|e| ScanError::from_io(at.clone(), e))?;
-    if !metadata.is_file() {
-        return refuse("is not a regular file");
-    }
-    let file = File::open(&file_path).map_err(|e| ScanError::from_io(at.clone(), e))?;
-    Ok((file, metadata.len()))
+    opened.map_err(|what| ScanError::malformed(at.clone(), format!("buffer file `{uri}` {what}")))
 }
 
 /// Replaces %20 and the like. `None` if a sequence is cut short or no UTF-8 results.
-fn decode_percent(uri: &str) -> Option<String> {
+pub(super) fn decode_percent(uri: &str) -> Option<String> {
     let mut decoded = Vec::with_capacity(uri.len());
     let mut bytes = uri.bytes();
     while let Some(byte) = bytes.next() {
@@ -173,7 +181,7 @@ fn decode_percent(uri: &str) -> Option<String> {
 }
 
 /// The content of a `data:…;base64,…` URI.
-fn decode_data_uri(uri: &str) -> Option<Vec<u8>> {
+pub(super) fn decode_data_uri(uri: &str) -> Option<Vec<u8>> {
     let (head, text) = uri.split_once(',')?;
     head.ends_with(";base64").then_some(())?;
     let text = text.trim_end_matches('=').as_bytes();

@@ -1,14 +1,16 @@
 //! glTF 2.0, binary (`.glb`) and as JSON (`.gltf`): the triangles of its scene.
 //!
 //! Node transforms are applied, in f64; a mesh that stands at several nodes is
-//! delivered several times. Materials, textures, skins and morph targets are passed
-//! over.
+//! delivered several times. The base colours of materials become colours of vertices (`paint`);
+//! what else they say, skins and morph targets are passed over.
 //!
 //! `buffers` finds the bytes, `accessor` decodes arrays, `scene` flattens the node
 //! tree; this module reads the container and hands out batches.
 
 mod accessor;
 mod buffers;
+mod container;
+mod paint;
 mod scene;
 
 use ::gltf::json;
@@ -16,8 +18,10 @@ use glam::{DMat3, DMat4, DVec3, Vec3};
 
 use crate::error::{Place, ScanError, Spot};
 use crate::input::Input;
+use crate::paged::Room;
 use crate::polygon::{self, Strip};
 use crate::report::ScanReport;
+use crate::texture::{self, ColourSource, ColourTaken, Painter, srgb_from_linear};
 use crate::{
     BATCH_ITEMS_MAX, Batch, Opened, ReadBatches, ScanFormat, TriangleBatch, VertexBatch,
     unit_normal, unit_to_byte,
@@ -25,27 +29,20 @@ use crate::{
 
 use accessor::Accessor;
 use buffers::Buffers;
+use container::{check_extensions, parse, read_container, read_text};
 use scene::{Scene, Shape};
-
-/// Largest JSON part. Parsed it takes many times its size.
-const JSON_BYTES_MAX: u64 = 512 * 1024 * 1024;
-
-/// Required extensions that leave triangles as they are, or that are done here.
-const EXTENSIONS_FINE: [&str; 7] = [
-    "KHR_mesh_quantization",
-    "KHR_texture_transform",
-    "KHR_texture_basisu",
-    "EXT_texture_webp",
-    "KHR_lights_punctual",
-    "KHR_animation_pointer",
-    "KHR_xmp_json_ld",
-];
 
 /// Corners read at once: whole triangles of a list, at most a batch of a strip.
 const READ_CORNERS_MAX: usize = BATCH_ITEMS_MAX / 3 * 3;
 
 /// Reads the document and flattens its scene.
-pub(crate) fn open(mut input: Input, report: &mut ScanReport) -> Result<Opened, ScanError> {
+pub(crate) fn open(
+    mut input: Input,
+    room: &Room,
+    colour: ColourSource,
+    report: &mut ScanReport,
+    progress: &mut dyn FnMut(u64) -> bool,
+) -> Result<Opened, ScanError> {
     let (text, chunk) = match report.format {
         ScanFormat::Glb => read_container(&mut input, report)?,
         _ => (read_text(&mut input, None)?, None),
@@ -74,167 +71,38 @@ pub(crate) fn open(mut input: Input, report: &mut ScanReport) -> Result<Opened, 
         })
     });
     let is_soup = |part: &scene::Part| part.shape == Shape::List && part.indices.is_none();
+    let (has_normals, is_triangle_soup) =
+        (parts().any(|part| part.normals.is_some()), vertices > 0 && parts().all(is_soup));
+    let in_vertices = parts().any(|part| part.colours.is_some());
+    let items_total =
+        parts().map(|part| part.positions.count as f64 + part.corner_count() as f64).sum();
+    let mut reader = GltfReader {
+        has_normals,
+        has_colours: in_vertices && colour.takes_vertex_colours(),
+        items_total,
+        file_bytes: input.file_bytes(),
+        scene,
+        buffers,
+        painter: None,
+        items_read: 0.0,
+        instance: 0,
+        part: 0,
+        first_vertex: 0,
+        vertices_read: 0,
+        corners_read: 0,
+        strip: Strip::default(),
+        fan: [0; 2],
+    };
+    reader.choose_colours(&root, (in_vertices, colour), room, report, progress)?;
     Ok(Opened {
         vertices: Some(vertices),
         faces: Some(faces),
-        has_normals: parts().any(|part| part.normals.is_some()),
-        has_colours: parts().any(|part| part.colours.is_some()),
-        is_triangle_soup: vertices > 0 && parts().all(is_soup),
+        has_normals,
+        has_colours: reader.has_colours,
+        is_triangle_soup,
         is_point_cloud: false,
-        body: Box::new(GltfReader {
-            has_normals: parts().any(|part| part.normals.is_some()),
-            has_colours: parts().any(|part| part.colours.is_some()),
-            items_total: parts()
-                .map(|part| part.positions.count as f64 + part.corner_count() as f64)
-                .sum(),
-            items_read: 0.0,
-            file_bytes: input.file_bytes(),
-            scene,
-            buffers,
-            instance: 0,
-            part: 0,
-            first_vertex: 0,
-            vertices_read: 0,
-            corners_read: 0,
-            strip: Strip::default(),
-            fan: [0; 2],
-        }),
+        body: Box::new(reader),
     })
-}
-
-/// Text of the JSON chunk, and begin and size of the binary chunk.
-type Container = (Vec<u8>, Option<(u64, u64)>);
-
-/// Reads the chunks of a `.glb` file.
-fn read_container(input: &mut Input, report: &mut ScanReport) -> Result<Container, ScanError> {
-    let [magic, version, length] = read_words(input)?;
-    if magic != u32::from_le_bytes(*b"glTF") {
-        let what = "a binary glTF file begins with `glTF`, this one does not";
-        return Err(ScanError::malformed(input.at_byte(), what));
-    }
-    if version != 2 {
-        return Err(ScanError::Unsupported {
-            at: input.at_byte(),
-            what: format!("glTF version {version}"),
-            advice: "export as glTF 2.0",
-        });
-    }
-    let file_bytes = input.file_bytes();
-    if u64::from(length) > file_bytes {
-        return Err(ScanError::CountTooLarge {
-            at: input.at_byte(),
-            what: "bytes".to_owned(),
-            declared: length.into(),
-            possible: file_bytes,
-        });
-    }
-    if u64::from(length) < file_bytes {
-        let surplus = file_bytes - u64::from(length);
-        let warning = format!("{surplus} bytes after the end were not read");
-        report.warnings.push(warning);
-    }
-
-    let [json_bytes, kind] = read_words(input)?;
-    if kind != u32::from_le_bytes(*b"JSON") {
-        let what = "the first chunk is not JSON";
-        return Err(ScanError::malformed(input.at_byte(), what));
-    }
-    let text = read_text(input, Some(json_bytes.into()))?;
-    if input.offset() >= u64::from(length) {
-        return Ok((text, None));
-    }
-    let [bin_bytes, kind] = read_words(input)?;
-    if kind != u32::from_le_bytes(*b"BIN\0") {
-        return Ok((text, None));
-    }
-    if u64::from(bin_bytes) > input.remaining_bytes() {
-        return Err(ScanError::CountTooLarge {
-            at: input.at_byte(),
-            what: "bytes of the binary chunk".to_owned(),
-            declared: bin_bytes.into(),
-            possible: input.remaining_bytes(),
-        });
-    }
-    Ok((text, Some((input.offset(), bin_bytes.into()))))
-}
-
-fn read_words<const N: usize>(input: &mut Input) -> Result<[u32; N], ScanError> {
-    let mut words = [0; N];
-    for word in &mut words {
-        *word = match input.take(4)? {
-            Some(bytes) => u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]),
-            None => {
-                let what = "the chunks of a binary glTF file".to_owned();
-                let at = input.at_byte();
-                return Err(ScanError::Truncated { at, what });
-            }
-        };
-    }
-    Ok(words)
-}
-
-/// Reads `length` bytes, or the rest of the file.
-fn read_text(input: &mut Input, length: Option<u64>) -> Result<Vec<u8>, ScanError> {
-    let possible = input.remaining_bytes();
-    let length = length.unwrap_or(possible);
-    if length > possible {
-        return Err(ScanError::CountTooLarge {
-            at: input.at_byte(),
-            what: "bytes of JSON".to_owned(),
-            declared: length,
-            possible,
-        });
-    }
-    if length > JSON_BYTES_MAX {
-        return Err(ScanError::Unsupported {
-            at: input.at_byte(),
-            what: format!("a JSON part of {length} bytes"),
-            advice: "export as .glb, whose data is not JSON",
-        });
-    }
-    let mut text = Vec::with_capacity(length as usize);
-    while (text.len() as u64) < length {
-        let bytes = input.peek(1)?;
-        let count = bytes.len().min(length as usize - text.len());
-        if count == 0 {
-            let what = "the JSON part".to_owned();
-            let at = input.at_byte();
-            return Err(ScanError::Truncated { at, what });
-        }
-        text.extend_from_slice(&bytes[..count]);
-        input.consume(count);
-    }
-    Ok(text)
-}
-
-fn parse(text: &[u8], input: &Input) -> Result<json::Root, ScanError> {
-    let root = json::Root::from_slice(text).map_err(|error| {
-        // In a .glb lines do not count from the begin of the file.
-        let place = Place::Item(format!("JSON line {}", error.line()));
-        let what = format!("the glTF document is not valid: {error}");
-        ScanError::malformed(Spot::new(input.path(), place), what)
-    })?;
-    if !root.asset.version.starts_with("2.") {
-        return Err(ScanError::Unsupported {
-            at: Spot::new(input.path(), Place::Item("asset".to_owned())),
-            what: format!("glTF version {}", root.asset.version),
-            advice: "export as glTF 2.0",
-        });
-    }
-    Ok(root)
-}
-
-fn check_extensions(root: &json::Root, input: &Input) -> Result<(), ScanError> {
-    let is_fine =
-        |name: &String| name.starts_with("KHR_materials_") || EXTENSIONS_FINE.contains(&&**name);
-    match root.extensions_required.iter().find(|name| !is_fine(name)) {
-        None => Ok(()),
-        Some(name) => Err(ScanError::Unsupported {
-            at: Spot::new(input.path(), Place::Item("extensionsRequired".to_owned())),
-            what: format!("the extension {name}, which this file requires,"),
-            advice: "export without it",
-        }),
-    }
 }
 
 struct GltfReader {
@@ -242,6 +110,8 @@ struct GltfReader {
     buffers: Buffers,
     has_normals: bool,
     has_colours: bool,
+    /// Has the colours of vertices where these come from textures.
+    painter: Option<Painter>,
     /// Vertices and corners, for the progress: data lies anywhere, even in other files.
     items_total: f64,
     items_read: f64,
@@ -260,6 +130,61 @@ struct GltfReader {
 
 impl ReadBatches for GltfReader {
     fn next_batch(&mut self, report: &mut ScanReport) -> Result<Option<Batch>, ScanError> {
+        Ok(self.step(report)?.map(|(_, batch)| batch))
+    }
+
+    fn bytes_read(&self) -> u64 {
+        let share = self.items_read / self.items_total.max(1.0);
+        (share * self.file_bytes as f64) as u64
+    }
+}
+
+impl GltfReader {
+    /// Paints the vertices where colours come from textures, and says where they come from.
+    fn choose_colours(
+        &mut self,
+        root: &json::Root,
+        (in_vertices, source): (bool, ColourSource),
+        room: &Room,
+        report: &mut ScanReport,
+        progress: &mut dyn FnMut(u64) -> bool,
+    ) -> Result<(), ScanError> {
+        let at = self.buffers.at_file();
+        if self.has_colours {
+            report.colours.taken = ColourTaken::Vertex;
+        } else if in_vertices {
+            report.colours.left_out.push("colours of vertices".to_owned());
+        }
+        let has_textures = paint::has_textures(root, &self.scene.parts);
+        let takes_textures = source.takes_textures(self.has_colours);
+        if has_textures && takes_textures {
+            self.painter = paint::paint(root, self, source, room, &at, report, progress)?;
+            self.has_colours |= self.painter.is_some();
+            self.rewind();
+        } else if has_textures {
+            report.colours.left_out.push("textures".to_owned());
+        }
+        match source == ColourSource::Texture && self.painter.is_none() {
+            true => Err(ScanError::NoTexture { at }),
+            false => Ok(()),
+        }
+    }
+
+    /// Vertices of all instances.
+    fn vertices(&self) -> u64 {
+        let parts = self.scene.instances.iter().flat_map(|instance| instance.parts.clone());
+        parts.map(|part| self.scene.parts[part].positions.count).sum()
+    }
+
+    /// Begins again.
+    fn rewind(&mut self) {
+        (self.instance, self.part, self.first_vertex) = (0, 0, 0);
+        (self.vertices_read, self.corners_read, self.items_read) = (0, 0, 0.0);
+        self.strip.restart();
+    }
+
+    /// The next batch and the number of its part in the scene.
+    fn step(&mut self, report: &mut ScanReport) -> Result<Option<(usize, Batch)>, ScanError> {
         while let Some(instance) = self.scene.instances.get(self.instance) {
             let Some(part) = instance.parts.clone().nth(self.part) else {
                 self.instance += 1;
@@ -270,12 +195,13 @@ impl ReadBatches for GltfReader {
             let vertex_count = self.scene.parts[part].positions.count;
             let corner_count = self.scene.parts[part].corner_count();
             if self.vertices_read < vertex_count {
-                return self.read_vertices(part, world_from_part, report).map(Some);
+                let batch = self.read_vertices(part, world_from_part, report)?;
+                return Ok(Some((part, batch)));
             }
             if self.corners_read < corner_count {
                 let triangles = self.read_triangles(part, world_from_part, report)?;
                 if !triangles.is_empty() {
-                    return Ok(Some(Batch::Triangles(TriangleBatch { triangles })));
+                    return Ok(Some((part, Batch::Triangles(TriangleBatch { triangles }))));
                 }
                 continue;
             }
@@ -288,13 +214,6 @@ impl ReadBatches for GltfReader {
         Ok(None)
     }
 
-    fn bytes_read(&self) -> u64 {
-        let share = self.items_read / self.items_total.max(1.0);
-        (share * self.file_bytes as f64) as u64
-    }
-}
-
-impl GltfReader {
     fn read_vertices(
         &mut self,
         part: usize,
@@ -332,7 +251,13 @@ impl GltfReader {
             report.normals_absent += count as u64;
         }
 
-        if let Some(colours) = &part.colours {
+        let first = (self.first_vertex + begin) as usize;
+        if let Some(painter) = &mut self.painter {
+            let colours = (first..first + count).map(|vertex| painter.colour(vertex));
+            let colours: std::io::Result<_> = colours.collect();
+            batch.colours = colours.map_err(|error| ScanError::scratch(buffers.path(), error))?;
+            texture::account(painter, report);
+        } else if let Some(colours) = part.colours.as_ref().filter(|_| self.has_colours) {
             let has_alpha = colours.component_count == 4;
             colours.read(buffers, begin, BATCH_ITEMS_MAX, &mut items)?;
             batch.colours.extend(items.iter().map(|[r, g, b, a]| {
@@ -460,9 +385,4 @@ fn normal_matrix(m: DMat3) -> DMat3 {
         m.x_axis.cross(m.y_axis),
     );
     cofactors * if m.determinant() < 0.0 { -1.0 } else { 1.0 }
-}
-
-/// The transfer function of IEC 61966-2-1.
-fn srgb_from_linear(linear: f64) -> f64 {
-    if linear <= 0.0031308 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }

@@ -24,6 +24,8 @@ pub(super) enum Shape {
 /// A primitive made of triangles.
 pub(super) struct Part {
     pub(super) shape: Shape,
+    /// Its mesh, and which of that one's primitives it is.
+    pub(super) primitive: (usize, usize),
     pub(super) positions: Accessor,
     pub(super) normals: Option<Accessor>,
     pub(super) colours: Option<Accessor>,
@@ -147,8 +149,8 @@ fn open_mesh(
     parts: &mut Vec<Part>,
     report: &mut ScanReport,
 ) -> Result<(), ScanError> {
-    for (index, primitive) in root.meshes[mesh].primitives.iter().enumerate() {
-        let item = format!("meshes[{mesh}].primitives[{index}]");
+    for (number, primitive) in root.meshes[mesh].primitives.iter().enumerate() {
+        let item = format!("meshes[{mesh}].primitives[{number}]");
         let malformed = |buffers: &Buffers, what: &str| {
             Err(ScanError::malformed(buffers.at(item.clone()), what))
         };
@@ -186,7 +188,7 @@ fn open_mesh(
                 return malformed(buffers, "its attributes differ in count");
             }
         }
-        let part = Part { shape, positions, normals, colours, indices };
+        let part = Part { shape, primitive: (mesh, number), positions, normals, colours, indices };
         if shape == Shape::List && !part.corner_count().is_multiple_of(3) {
             let warning = format!("{item}: the last corners make no whole triangle");
             report.warnings.push(warning);

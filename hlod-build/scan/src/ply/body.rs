@@ -1,5 +1,6 @@
 //! The records of a PLY file, turned into batches.
 
+use std::io;
 use std::path::Path;
 
 use glam::DVec3;
@@ -12,6 +13,7 @@ use crate::input::Input;
 use crate::paged::{Paged, Room};
 use crate::polygon::{self, CORNERS_MAX, Strip};
 use crate::report::ScanReport;
+use crate::texture::{self, ColourSource, Painter};
 use crate::{
     BATCH_ITEMS_MAX, Batch, ReadBatches, ScanFormat, TriangleBatch, VertexBatch, unit_normal,
     unit_to_byte,
@@ -26,6 +28,8 @@ pub(crate) struct PlyReader {
     /// The element being read.
     plan: usize,
     body: Body,
+    /// Has the colours of vertices where these come from textures.
+    painter: Option<Painter>,
 }
 
 /// Where the reader stands, and what it must remember from record to record.
@@ -52,6 +56,7 @@ impl PlyReader {
         plans: Vec<Plan>,
         vertex_count: u32,
         room: Room,
+        painter: Option<Painter>,
     ) -> PlyReader {
         let body = Body {
             values: Values::new(input, format),
@@ -62,7 +67,7 @@ impl PlyReader {
             positions: None,
             room,
         };
-        PlyReader { plans, plan: 0, body }
+        PlyReader { plans, plan: 0, body, painter }
     }
 }
 
@@ -74,7 +79,16 @@ impl ReadBatches for PlyReader {
                 self.body.record = 0;
                 continue;
             }
-            if let Some(batch) = self.body.read(plan, report)? {
+            let first = self.body.record;
+            if let Some(mut batch) = self.body.read(plan, report)? {
+                if let (Batch::Vertices(batch), Some(painter)) = (&mut batch, &mut self.painter) {
+                    let vertices = first as usize..self.body.record as usize;
+                    let colours = vertices.map(|vertex| painter.colour(vertex));
+                    batch.colours = colours.collect::<io::Result<_>>().map_err(|error| {
+                        ScanError::scratch(self.body.values.input.path(), error)
+                    })?;
+                    texture::account(painter, report);
+                }
                 return Ok(Some(batch));
             }
         }
@@ -287,7 +301,7 @@ impl FixedColumns {
 }
 
 /// Reads the corners of one face; `range` is its number and the vertex count.
-fn read_corners(
+pub(super) fn read_corners(
     values: &mut Values,
     list: CornerList,
     range: (u64, u32),
@@ -372,7 +386,7 @@ fn skip_all(
     Ok(())
 }
 
-fn skip_element(values: &mut Values, element: &Element) -> Result<(), ScanError> {
+pub(super) fn skip_element(values: &mut Values, element: &Element) -> Result<(), ScanError> {
     // Records of one size are passed over in one step; so are those of none, of which
     // a header may declare any number.
     if let Some(record_bytes) = element.record_bytes()
@@ -401,7 +415,7 @@ fn read_positions(path: &Path, vertex_count: u32, room: &Room) -> Result<Paged<D
     let mut positions = Paged::new(room);
     for element in header.elements {
         values.begin_element(&element.name);
-        let plan = super::plan(element, &at)?;
+        let plan = super::plan(element, &at, ColourSource::None)?;
         let Role::Vertices(columns) = &plan.role else {
             skip_element(&mut values, &plan.element)?;
             continue;

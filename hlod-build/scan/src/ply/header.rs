@@ -102,12 +102,15 @@ impl Element {
 pub(crate) struct Header {
     pub(crate) format: ScanFormat,
     pub(crate) elements: Vec<Element>,
+    /// Names in comments, as MeshLab writes them.
+    pub(crate) texture_files: Vec<String>,
 }
 
 /// Reads the header; `input` then stands at the first byte of data.
 pub(crate) fn read(input: &mut Input) -> Result<Header, ScanError> {
     let mut format = None;
     let mut elements: Vec<Element> = Vec::new();
+    let mut texture_files = Vec::new();
     let mut is_first = true;
     loop {
         let at = input.at_line();
@@ -133,6 +136,12 @@ pub(crate) fn read(input: &mut Input) -> Result<Header, ScanError> {
             continue;
         }
         match *words.as_slice() {
+            ["comment", "TextureFile", first, ..] => {
+                // Names may have spaces.
+                let begin = line.find("TextureFile").map_or(0, |at| at + "TextureFile".len());
+                let name = line.get(begin..).map_or(first, str::trim);
+                texture_files.push(name.replace('\\', "/"));
+            }
             [] | ["comment" | "obj_info", ..] => {}
             ["end_header"] => break,
             ["format", encoding, "1.0"] => {
@@ -172,7 +181,7 @@ pub(crate) fn read(input: &mut Input) -> Result<Header, ScanError> {
         let what = "the PLY header has no `format` line";
         return Err(ScanError::malformed(input.at_line(), what));
     };
-    let header = Header { format, elements };
+    let header = Header { format, elements, texture_files };
     check_counts(&header, input)?;
     Ok(header)
 }

@@ -7,6 +7,7 @@
 
 mod body;
 mod header;
+mod paint;
 mod values;
 
 use crate::Opened;
@@ -14,9 +15,11 @@ use crate::error::{Place, ScanError, Spot};
 use crate::input::Input;
 use crate::paged::Room;
 use crate::report::ScanReport;
+use crate::texture::{ColourSource, ColourTaken};
 
 use body::PlyReader;
 use header::{Element, PropertyType, ScalarType};
+use paint::Pass;
 
 /// What a number of a vertex means: its place in a vertex's array of numbers.
 const SLOT_NAMES: [&[&str]; SLOT_COUNT] = [
@@ -41,7 +44,9 @@ const ALPHA: usize = 9;
 pub(crate) fn open(
     mut input: Input,
     room: &Room,
+    colour: ColourSource,
     report: &mut ScanReport,
+    progress: &mut dyn FnMut(u64) -> bool,
 ) -> Result<Opened, ScanError> {
     let header = header::read(&mut input)?;
     report.format = header.format;
@@ -50,7 +55,7 @@ pub(crate) fn open(
     let mut plans = Vec::new();
     let mut faces = None;
     for element in header.elements {
-        let plan = plan(element, &at)?;
+        let plan = plan(element, &at, colour)?;
         report_skipped(&plan, report);
         if matches!(plan.role, Role::Faces(_)) {
             faces = Some(plan.element.count);
@@ -63,18 +68,34 @@ pub(crate) fn open(
         _ => None,
     });
     let (vertices, columns) = vertex.unwrap_or_default();
-    let vertex_count =
-        u32::try_from(vertices).map_err(|_| ScanError::TooManyVertices { at, vertices })?;
+    let vertex_count = u32::try_from(vertices)
+        .map_err(|_| ScanError::TooManyVertices { at: at.clone(), vertices })?;
     let is_surface = |plan: &Plan| {
         plan.element.count > 0 && matches!(plan.role, Role::Faces(_) | Role::Strips(_))
     };
     let is_point_cloud = vertices > 0 && !plans.iter().any(is_surface);
-    let body = PlyReader::new(input, header.format, plans, vertex_count, room.clone());
+    let layout = paint::Layout::find(&plans).filter(|_| !header.texture_files.is_empty());
+    account_colours(&plans, colour, columns.has_colours, layout.is_some(), report);
+    let takes_textures = colour.takes_textures(columns.has_colours);
+    let painter = match layout.filter(|_| takes_textures) {
+        Some(layout) => {
+            let pass =
+                Pass { at: at.clone(), plans: &plans, layout, vertex_count, room, source: colour };
+            pass.paint(header.texture_files, report, progress)?
+        }
+        None => None,
+    };
+    if colour == ColourSource::Texture && painter.is_none() {
+        return Err(ScanError::NoTexture { at });
+    }
+    let has_colours = columns.has_colours || painter.is_some();
+    let room = if painter.is_some() { room.part(4) } else { room.clone() };
+    let body = PlyReader::new(input, header.format, plans, vertex_count, room, painter);
     Ok(Opened {
         vertices: Some(vertices),
         faces,
         has_normals: columns.has_normals,
-        has_colours: columns.has_colours,
+        has_colours,
         is_triangle_soup: false,
         is_point_cloud,
         body: Box::new(body),
@@ -116,9 +137,9 @@ struct Columns {
     colour_scales: [f64; 4],
 }
 
-fn plan(element: Element, at: &Spot) -> Result<Plan, ScanError> {
+fn plan(element: Element, at: &Spot, colour: ColourSource) -> Result<Plan, ScanError> {
     let role = match (element.name.as_str(), corner_list(&element)) {
-        ("vertex", _) => Role::Vertices(vertex_columns(&element, at)?),
+        ("vertex", _) => Role::Vertices(vertex_columns(&element, at, colour)?),
         ("face", Some(list)) => Role::Faces(list),
         ("tristrips", Some(list)) => Role::Strips(list),
         _ => Role::Skipped,
@@ -137,7 +158,11 @@ fn corner_list(element: &Element) -> Option<CornerList> {
     })
 }
 
-fn vertex_columns(element: &Element, at: &Spot) -> Result<Columns, ScanError> {
+fn vertex_columns(
+    element: &Element,
+    at: &Spot,
+    colour: ColourSource,
+) -> Result<Columns, ScanError> {
     // Find each slot's property; the first of its names wins.
     let found = SLOT_NAMES.map(|names| {
         names.iter().find_map(|name| {
@@ -159,7 +184,7 @@ fn vertex_columns(element: &Element, at: &Spot) -> Result<Columns, ScanError> {
     // A normal or a colour that lacks a component is of no use.
     let has = |mut slots: std::ops::Range<usize>| slots.all(|slot| found[slot].is_some());
     let has_normals = has(NORMAL);
-    let has_colours = has(COLOUR);
+    let has_colours = has(COLOUR) && colour.takes_vertex_colours();
     let has_alpha = has_colours && found[ALPHA].is_some();
     let is_used = |slot: usize| {
         POSITION.contains(&slot)
@@ -190,6 +215,28 @@ fn vertex_columns(element: &Element, at: &Spot) -> Result<Columns, ScanError> {
         }
     }
     Ok(columns)
+}
+
+/// Says where colours come from, and which are left out.
+fn account_colours(
+    plans: &[Plan],
+    source: ColourSource,
+    has_vertex_colours: bool,
+    has_textures: bool,
+    report: &mut ScanReport,
+) {
+    if has_vertex_colours {
+        report.colours.taken = ColourTaken::Vertex;
+    }
+    let is_vertices = |plan: &&Plan| plan.element.name == "vertex";
+    let names = || plans.iter().filter(is_vertices).flat_map(|plan| &plan.element.properties);
+    let is_red = |name: &str| SLOT_NAMES[COLOUR.start].contains(&name);
+    if !source.takes_vertex_colours() && names().any(|property| is_red(&property.name)) {
+        report.colours.left_out.push("colours of vertices".to_owned());
+    }
+    if has_textures && !source.takes_textures(has_vertex_colours) {
+        report.colours.left_out.push("textures".to_owned());
+    }
 }
 
 fn report_skipped(plan: &Plan, report: &mut ScanReport) {

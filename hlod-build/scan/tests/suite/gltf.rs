@@ -41,7 +41,7 @@ fn document(buffer: &str, nodes: &str) -> String {
 
 const IN_CHUNK: &str = r#"{"byteLength": 136}"#;
 
-fn glb(text: &str, data: &[u8]) -> Vec<u8> {
+pub fn glb(text: &str, data: &[u8]) -> Vec<u8> {
     let padded = format!("{text}{}", " ".repeat(text.len().next_multiple_of(4) - text.len()));
     let mut bytes = b"glTF\x02\0\0\0".to_vec();
     let length = 12 + 8 + padded.len() + 8 + data.len();
@@ -55,7 +55,7 @@ fn glb(text: &str, data: &[u8]) -> Vec<u8> {
     bytes
 }
 
-fn base64(bytes: &[u8]) -> String {
+pub fn base64(bytes: &[u8]) -> String {
     let digits = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::new();
     for group in bytes.chunks(3) {

@@ -9,6 +9,7 @@ mod ply;
 mod random;
 mod scans;
 mod stl;
+mod texture;
 
 use std::path::{Path, PathBuf};
 

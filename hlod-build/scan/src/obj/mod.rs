@@ -4,37 +4,49 @@
 //! the normals: the first collects `v` and `vn`, the second reads `f`. The whole model
 //! is held meanwhile, on disk where memory does not hold it; batches are then cut from it.
 //!
-//! Objects, groups and materials are passed over: a scan cut into groups is one
+//! Textures (`vt`, `mtllib`, `usemtl`, read in `material`) are averaged into colours of vertices in the
+//! second pass, where these have none of their own.
+//!
+//! Objects and groups are passed over: a scan cut into groups is one
 //! surface, and each `v` stays one vertex whoever names it. (The usual library for
 //! this format splits vertices at group borders and texture seams, which tears the
 //! surface apart.) A vertex whose corners name several normals gets their mean.
 
-use std::borrow::Cow;
+mod material;
+mod painting;
+mod statement;
+
 use std::io;
 use std::path::{Path, PathBuf};
-use std::str::SplitAsciiWhitespace;
 
 use glam::DVec3;
 
 use crate::error::{Place, ScanError, Spot};
-use crate::input::{BUFFER_BYTES, Input};
+use crate::input::Input;
 use crate::paged::{Paged, Room};
 use crate::polygon::{self, CORNERS_MAX};
 use crate::report::ScanReport;
+use crate::texture::{self, ColourSource, NOWHERE, Painter};
 use crate::{
     BATCH_ITEMS_MAX, Batch, Opened, ReadBatches, TriangleBatch, VertexBatch, unit_normal,
     unit_to_byte,
 };
 
+use material::{Materials, Names, rest_of};
+use painting::Painting;
+use statement::{Statement, each_statement};
+
 /// Reads the whole model.
 pub(crate) fn open(
     mut input: Input,
     room: &Room,
+    colour: ColourSource,
     report: &mut ScanReport,
     progress: &mut dyn FnMut(u64) -> bool,
 ) -> Result<Opened, ScanError> {
-    // Positions, colours and normals of the first pass, sums and triangles of the second.
-    let room = room.part(5);
+    // Half is for textures; arrays are positions, colours, normals and coordinates of the first
+    // pass, sums and triangles of the second, and four of the painter.
+    let (all, room) = (room, room.part(20));
     // First pass: what faces can name.
     let mut points = Points::new(&room);
     let mut halfway = |bytes: u64| progress(bytes / 2);
@@ -45,20 +57,24 @@ pub(crate) fn open(
             points.colours_out_of_range
         ));
     }
+    let at = Spot::new(input.path(), Place::File);
+    let materials = points.choose_colours(colour, &all.part(2), &at, report)?;
 
     // Second pass: faces, and with their corners the normals.
     let mut input = Input::open(input.path())?;
     let half = input.file_bytes() / 2;
-    let mut faces = Faces::new(points, &room, input.path())?;
+    let mut faces = Faces::new(points, materials, &room, input.path())?;
     let mut second_half = |bytes: u64| progress(half + bytes / 2);
     each_statement(&mut input, &mut second_half, |statement| faces.read(statement, report))?;
 
-    let Faces { points, normal_sums, has_normals, triangles, .. } = faces;
+    faces.account(report);
+    let Faces { points, normal_sums, has_normals, triangles, painting, .. } = faces;
+    let painter = painting.map(|painting| painting.painter);
     Ok(Opened {
         vertices: Some(points.positions.len() as u64),
         faces: Some(report.faces_read),
         has_normals,
-        has_colours: points.has_colours,
+        has_colours: points.has_colours || painter.is_some(),
         is_triangle_soup: false,
         is_point_cloud: false,
         body: Box::new(ObjReader {
@@ -67,92 +83,12 @@ pub(crate) fn open(
             normal_sums,
             has_normals,
             triangles,
+            painter,
             vertices_given: 0,
             triangles_given: 0,
             file_bytes: input.file_bytes(),
         }),
     })
-}
-
-/// One line, or several joined by a backslash at their ends.
-struct Statement<'a> {
-    path: &'a Path,
-    line: u64,
-    keyword: &'a str,
-    words: SplitAsciiWhitespace<'a>,
-}
-
-impl Statement<'_> {
-    fn at(&self) -> Spot {
-        Spot::new(self.path, Place::Line(self.line))
-    }
-
-    fn malformed(&self, what: impl Into<String>) -> ScanError {
-        ScanError::malformed(self.at(), what)
-    }
-
-    fn numbers<const N: usize>(&mut self) -> Result<[f64; N], ScanError> {
-        let mut numbers = [0.0; N];
-        for number in &mut numbers {
-            let Some(word) = self.words.next() else {
-                let what = format!("`{}` needs {N} numbers", self.keyword);
-                return Err(self.malformed(what));
-            };
-            *number = self.number(word)?;
-        }
-        Ok(numbers)
-    }
-
-    fn number(&self, word: &str) -> Result<f64, ScanError> {
-        word.parse().map_err(|_| self.malformed(format!("`{word}` is not a number")))
-    }
-}
-
-/// Progress is told this often.
-const PROGRESS_BYTES: u64 = 1 << 22;
-
-/// Calls `read` for each statement up to the end of the file.
-fn each_statement(
-    input: &mut Input,
-    progress: &mut dyn FnMut(u64) -> bool,
-    mut read: impl FnMut(Statement<'_>) -> Result<(), ScanError>,
-) -> Result<(), ScanError> {
-    let path = input.path().to_path_buf();
-    let mut joined = Vec::new();
-    let mut next_report = 0;
-    loop {
-        if input.offset() >= next_report {
-            next_report = input.offset() + PROGRESS_BYTES;
-            if !progress(input.offset()) {
-                return Err(ScanError::Stopped { at: Spot::new(&path, Place::File) });
-            }
-        }
-        let line_number = input.line_number();
-        let Some(mut line) = input.line()? else {
-            return Ok(());
-        };
-        // Join continued lines; few files have any.
-        joined.clear();
-        while let Some(begin) = line.strip_suffix(b"\\") {
-            joined.extend_from_slice(begin);
-            if joined.len() > BUFFER_BYTES {
-                let at = Spot::new(&path, Place::Line(line_number));
-                return Err(ScanError::malformed(at, "a continued line does not end"));
-            }
-            line = input.line()?.unwrap_or_default();
-        }
-        let text: Cow<'_, str> = if joined.is_empty() {
-            String::from_utf8_lossy(line)
-        } else {
-            joined.extend_from_slice(line);
-            String::from_utf8_lossy(&joined)
-        };
-        let text = text.split('#').next().unwrap_or_default();
-        let mut words = text.split_ascii_whitespace();
-        if let Some(keyword) = words.next() {
-            read(Statement { path: &path, line: line_number, keyword, words })?;
-        }
-    }
 }
 
 /// The first pass.
@@ -164,6 +100,9 @@ struct Points {
     colours_out_of_range: u64,
     /// Of unit length, or zero where unusable.
     normals: Paged<DVec3>,
+    /// Texture coordinates, and what else is needed of textures.
+    coordinates: Paged<[f32; 2]>,
+    names: Names,
 }
 
 impl Points {
@@ -174,6 +113,8 @@ impl Points {
             has_colours: false,
             colours_out_of_range: 0,
             normals: Paged::new(room),
+            coordinates: Paged::new(room),
+            names: Names::default(),
         }
     }
 
@@ -192,6 +133,7 @@ impl Points {
             }
             "f" => Ok(()),
             other => {
+                self.read_of_textures(&statement)?;
                 // Once for each keyword: files have few, but a damaged one may have many.
                 let name = format!("statement {other}");
                 if report.skipped.len() < 32 && !report.skipped.contains(&name) {
@@ -200,6 +142,19 @@ impl Points {
                 Ok(())
             }
         }
+    }
+
+    /// `vt u`, `vt u v`, `vt u v w`, and the names of materials.
+    fn read_of_textures(&mut self, statement: &Statement<'_>) -> Result<(), ScanError> {
+        if statement.keyword != "vt" {
+            self.names.read(statement);
+            return Ok(());
+        }
+        let mut words = statement.words.clone();
+        // What is no number is of no use, but no reason to refuse the shape.
+        let mut next = || words.next().map_or(Ok(0.0), str::parse::<f32>);
+        let coordinates = next().and_then(|u| Ok([u, next()?])).unwrap_or(NOWHERE);
+        self.coordinates.push(coordinates).map_err(|e| ScanError::scratch(statement.path, e))
     }
 
     /// `v x y z`, `v x y z w`, `v x y z r g b` or `v x y z r g b a`.
@@ -242,14 +197,23 @@ struct Faces {
     /// from there.
     positions_seen: usize,
     normals_seen: usize,
+    coordinates_seen: usize,
     corners: Vec<u32>,
     /// Of the current line.
     of_line: Vec<[u32; 3]>,
     triangles: Paged<[u32; 3]>,
+    painting: Option<Painting>,
 }
 
 impl Faces {
-    fn new(points: Points, room: &Room, path: &Path) -> Result<Faces, ScanError> {
+    fn new(
+        mut points: Points,
+        materials: Option<Materials>,
+        room: &Room,
+        path: &Path,
+    ) -> Result<Faces, ScanError> {
+        let painting = materials.map(|materials| Painting::new(materials, &mut points, room));
+        let painting = painting.transpose().map_err(|e| ScanError::scratch(path, e))?;
         let mut normal_sums = Paged::new(room);
         if points.normals.len() > 0 {
             for _ in 0..points.positions.len() {
@@ -262,9 +226,11 @@ impl Faces {
             has_normals: false,
             positions_seen: 0,
             normals_seen: 0,
+            coordinates_seen: 0,
             corners: Vec::new(),
             of_line: Vec::new(),
             triangles: Paged::new(room),
+            painting,
         })
     }
 
@@ -276,8 +242,18 @@ impl Faces {
         match statement.keyword {
             "v" => self.positions_seen += 1,
             "vn" => self.normals_seen += 1,
+            "vt" => self.coordinates_seen += 1,
+            "usemtl" => {
+                if let Some(painting) = &mut self.painting {
+                    let known = painting.surfaces.get(&rest_of(&statement));
+                    painting.current = known.cloned().unwrap_or(Painting::PLAIN);
+                }
+            }
             "f" => {
                 self.corners.clear();
+                if let Some(painting) = &mut self.painting {
+                    painting.coordinates.clear();
+                }
                 while let Some(word) = statement.words.next() {
                     self.read_corner(word, &statement, report)?;
                 }
@@ -286,6 +262,12 @@ impl Faces {
                 let position = |index: u32| positions.get(index as usize);
                 polygon::add_face(&self.corners, position, &mut self.of_line, report)
                     .and_then(|()| self.of_line.iter().try_for_each(|t| self.triangles.push(*t)))
+                    .and_then(|()| match &mut self.painting {
+                        Some(Painting { painter, current, coordinates, .. }) => {
+                            painter.add_face(current, &self.corners, coordinates)
+                        }
+                        None => Ok(()),
+                    })
                     .map_err(|error| ScanError::scratch(statement.path, error))?;
             }
             _ => {}
@@ -313,7 +295,8 @@ impl Faces {
         };
         let mut parts = word.split('/');
         let vertex = number(parts.next().unwrap_or_default())?;
-        let normal = parts.nth(1).filter(|part| !part.is_empty());
+        let coordinates = parts.next().filter(|part| !part.is_empty());
+        let normal = parts.next().filter(|part| !part.is_empty());
 
         let count = self.points.positions.len();
         let vertex = resolve(vertex, self.positions_seen, count).map_err(|index| {
@@ -325,6 +308,19 @@ impl Faces {
             }
         })?;
         self.corners.push(vertex as u32);
+        if let Some(painting) = &mut self.painting {
+            let count = self.points.coordinates.len();
+            // Numbers of coordinates that are not there leave the corner without.
+            let place = coordinates
+                .and_then(|number| number.parse().ok())
+                .and_then(|number| resolve(number, self.coordinates_seen, count).ok());
+            let at = match place {
+                Some(place) => self.points.coordinates.get(place),
+                None => Ok(NOWHERE),
+            };
+            let at = at.map_err(|error| ScanError::scratch(statement.path, error))?;
+            painting.coordinates.push(at);
+        }
         if let Some(normal) = normal {
             let count = self.points.normals.len();
             let normal = resolve(number(normal)?, self.normals_seen, count).map_err(|_| {
@@ -337,6 +333,16 @@ impl Faces {
             self.has_normals |= *sum != DVec3::ZERO;
         }
         Ok(())
+    }
+}
+
+impl Faces {
+    /// All faces were read.
+    fn account(&mut self, report: &mut ScanReport) {
+        if let Some(painting) = &mut self.painting {
+            painting.painter.finish();
+            texture::account(&painting.painter, report);
+        }
     }
 }
 
@@ -359,6 +365,7 @@ struct ObjReader {
     normal_sums: Paged<DVec3>,
     has_normals: bool,
     triangles: Paged<[u32; 3]>,
+    painter: Option<Painter>,
     vertices_given: usize,
     triangles_given: usize,
     file_bytes: u64,
@@ -375,11 +382,16 @@ impl ObjReader {
                 if self.has_normals {
                     batch.normals.push(unit_normal(self.normal_sums.get(v)?, report));
                 }
-                if self.points.has_colours {
+                if let Some(painter) = &mut self.painter {
+                    batch.colours.push(painter.colour(v)?);
+                } else if self.points.has_colours {
                     batch.colours.push(self.points.colours.get(v)?);
                 }
             }
             self.vertices_given = end;
+            if let Some(painter) = &self.painter {
+                texture::account(painter, report);
+            }
             return Ok(Some(Batch::Vertices(batch)));
         }
         let begin = self.triangles_given;
