@@ -210,7 +210,8 @@ impl Open {
         // The window is gone: nobody needs to know.
         let wake = move || drop(answered.send_event(Wake::Answered));
         let session = options.session.as_deref();
-        let work = Work::open(&options.file, session, model.header(), model.bounds(), wake);
+        let mut work = Work::open(&options.file, session, model.header(), model.bounds(), wake);
+        work.set_metadata(model.metadata());
         let mut settings = settings;
         let begun = work.session().looks;
         settings.set_looks(&Looks {

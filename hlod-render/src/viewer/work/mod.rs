@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DVec2, DVec3};
-use hlod_compress::{Header, Unit};
+use hlod_compress::{Header, Metadata, Unit};
 
 use self::clerk::{Answer, Clerk, Question};
 use self::tool::{Task, Tool};
@@ -30,8 +30,8 @@ use crate::measure::{Measured, Measurement, MeasurementKind, SurfacePoint};
 use crate::pick::Hit;
 use crate::section::{Measures, Plane, Section, Sheet};
 use crate::session::{
-    History, ModelIdentity, Note, NoteShape, SECTIONS_MAX, SavedView, Saver, SectionPlane, Session,
-    SessionFile, Viewpoint, free_beside, load, place_of,
+    History, ModelIdentity, Note, NoteShape, SECTIONS_MAX, SavedView, Saver, ScannerUncertainty,
+    SectionPlane, Session, SessionFile, Viewpoint, free_beside, load, place_of,
 };
 
 /// Colours that people who see fewer can tell apart (Okabe & Ito 2008): orange, sky blue, green; and
@@ -73,6 +73,7 @@ pub struct Work {
     finish_wanted: bool,
     file: PathBuf,
     header: Header,
+    metadata: Option<Metadata>,
     bounds: (DVec3, DVec3),
     unit: String,
     problems: Vec<String>,
@@ -131,12 +132,32 @@ impl Work {
             finish_wanted: false,
             file: file.to_owned(),
             header: header.clone(),
+            metadata: None,
             bounds,
             unit: header.unit.name().to_owned(),
             problems,
         };
         work.cut_again();
         work
+    }
+
+    /// Says what the file tells of the scan besides its shape, or why that could not be read.
+    pub fn set_metadata(&mut self, metadata: Result<Option<Metadata>, RenderError>) {
+        match metadata {
+            Ok(metadata) => self.metadata = metadata,
+            Err(error) => self.problems.push(error.to_string()),
+        }
+    }
+
+    /// What is known of the scan besides its shape.
+    pub fn metadata(&self) -> Option<&Metadata> {
+        self.metadata.as_ref()
+    }
+
+    /// How well the scanner measured, as the session declares it, else the file.
+    fn scanner(&self) -> Option<ScannerUncertainty> {
+        let of_file = || ScannerUncertainty::of_file(self.metadata.as_ref()?, self.header.unit);
+        self.session().scanner.clone().or_else(of_file)
     }
 
     /// The session as it is.
@@ -368,6 +389,7 @@ impl Work {
         let outlines = self.outlines.iter().flatten().filter_map(|o| o.section.as_ref());
         let families = outlines.map(|(section, _)| vec![(**section).clone()]).collect();
         let sheet = Sheet::new(&self.file, &self.header, None, families);
+        let sheet = sheet.about(self.metadata.as_ref());
         let beside = self.session_path().unwrap_or_else(|| PathBuf::from("sections"));
         let stem = self.file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let names = |n: u32| {
