@@ -7,7 +7,7 @@ use std::path::Path;
 
 use crate::pread::read_exact_at;
 use crate::{
-    BLOCK_BYTES_MAX, BlockRef, CellKey, Children, FormatError, HEADER_BYTES_MAX, Header,
+    BLOCK_BYTES_MAX, BlockRef, CellKey, Children, FormatError, HEADER_BYTES_MAX, Header, Metadata,
     NodeRecord, PageRef, RepresentationKind, SkeletonBlock,
 };
 
@@ -19,6 +19,7 @@ pub struct FileWriter {
     header: Header,
     blocks: Vec<SkeletonBlock>,
     page_order: Vec<(CellKey, RepresentationKind, PageRef)>,
+    metadata: Vec<u8>,
 }
 
 impl FileWriter {
@@ -26,13 +27,18 @@ impl FileWriter {
     ///
     /// Of `nodes`, in any order, the pages' lengths and checksums must be filled in; page
     /// offsets, child masks and places of children are found here, as are the header's counts,
-    /// sizes and references.
+    /// sizes and references. `metadata` come last: nothing that is drawn waits for them.
     ///
     /// # Errors
     /// When a node's parent is missing, two nodes share a cell, or nothing was given.
-    pub fn new(mut header: Header, nodes: Vec<NodeRecord>) -> Result<FileWriter, FormatError> {
+    pub fn new(
+        mut header: Header,
+        nodes: Vec<NodeRecord>,
+        metadata: Option<&Metadata>,
+    ) -> Result<FileWriter, FormatError> {
         let bad = |why: String| FormatError::malformed("octree", why);
         header.nodes = nodes.len() as u64;
+        header.metadata = metadata.map(Metadata::reference);
         let mut by_cell = BTreeMap::new();
         for node in nodes {
             let cell = node.cell;
@@ -108,6 +114,10 @@ impl FileWriter {
         for &key in rest {
             place(key, &mut offset);
         }
+        if let Some(metadata) = &mut header.metadata {
+            metadata.offset = offset;
+            offset += u64::from(metadata.text_bytes);
+        }
         header.file_bytes = offset;
 
         // A block holds the checksums of those it refers to, which always come behind it.
@@ -124,7 +134,8 @@ impl FileWriter {
             });
         }
         header.root_block = refs[0].expect("the first block was just placed");
-        Ok(FileWriter { header, blocks, page_order })
+        let metadata = metadata.map_or(Vec::new(), |m| m.text().as_bytes().to_vec());
+        Ok(FileWriter { header, blocks, page_order, metadata })
     }
 
     /// The header as it will be written.
@@ -161,7 +172,7 @@ impl FileWriter {
             }
             write(&bytes)?;
         }
-        Ok(())
+        Ok(write(&self.metadata)?)
     }
 }
 
@@ -286,6 +297,16 @@ impl HlodFile {
         let bytes = self.read_range("page", page.offset, page.page_bytes)?;
         page.check(&bytes)?;
         Ok(bytes)
+    }
+
+    /// Reads what is known of the scan besides its shape.
+    ///
+    /// # Errors
+    /// When it is damaged, or not what it should be.
+    pub fn read_metadata(&self) -> Result<Option<Metadata>, FormatError> {
+        let Some(metadata) = self.header.metadata else { return Ok(None) };
+        let text = self.read_range("metadata", metadata.offset, metadata.text_bytes)?;
+        metadata.parse(&text).map(Some)
     }
 
     /// Reads the whole skeleton: all nodes in depth, then Morton order.

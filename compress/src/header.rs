@@ -1,142 +1,29 @@
 //! The first bytes of a file: what it is, where it came from, how it is laid out.
 
 use crate::bytes::{ByteReader, ByteWriter};
-use crate::{BlockRef, FormatError, Lattice};
+use crate::{
+    BlockRef, FormatError, Lattice, METADATA_BYTES_MAX, MetadataRef, Primitives, SignedAxis, Unit,
+};
 
 const MAGIC: [u8; 8] = *b"HLOD\r\n\x1a\n";
 
-/// The version this crate writes. Files of every version from 1 on stay readable; a file of each is kept as a
-/// test. Numbers from 0xffff0000 on, and 0, were forms that were not frozen: those files are refused.
-pub const FORMAT_VERSION: u32 = 1;
+/// The newest version that this crate writes. Files of every version from 1 on stay readable; files of each are
+/// kept as a test. Numbers from 0xffff0000 on, and 0, were forms that were not frozen: those files are refused.
+///
+/// A file is of the oldest version that can say what is in it ([`Header::format_version`]), so that programs
+/// that know no newer one go on reading what they could read.
+///
+/// | version | since then there are |
+/// |---|---|
+/// | 1 | triangles, points, normals, colours |
+/// | 2 | metadata |
+pub const FORMAT_VERSION: u32 = 2;
 
 /// No header is longer; a first read of this size always holds all of it.
 pub const HEADER_BYTES_MAX: usize = 64 * 1024;
 
 /// magic, version, length, checksum
 const PREFIX_BYTES: usize = 8 + 4 + 4 + 4;
-
-/// The unit of the source's coordinates, as declared by whoever built the file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[non_exhaustive]
-pub enum Unit {
-    /// Nobody said.
-    #[default]
-    Unknown,
-    /// Micrometres.
-    Micrometre,
-    /// Millimetres.
-    Millimetre,
-    /// Centimetres.
-    Centimetre,
-    /// Metres.
-    Metre,
-    /// Inches.
-    Inch,
-}
-
-impl Unit {
-    const ALL: [(Unit, &'static str); 6] = [
-        (Unit::Unknown, "unknown"),
-        (Unit::Micrometre, "um"),
-        (Unit::Millimetre, "mm"),
-        (Unit::Centimetre, "cm"),
-        (Unit::Metre, "m"),
-        (Unit::Inch, "in"),
-    ];
-
-    /// The usual abbreviation, or `unknown`.
-    pub fn name(self) -> &'static str {
-        Self::ALL[self as usize].1
-    }
-}
-
-impl std::str::FromStr for Unit {
-    type Err = String;
-    fn from_str(text: &str) -> Result<Unit, String> {
-        let found = Self::ALL.iter().find(|(_, name)| *name == text);
-        found.map(|(unit, _)| *unit).ok_or_else(|| "expected mm, cm, m, um, in or unknown".into())
-    }
-}
-
-/// What levels above the leaves are drawn with, where the scan has triangles.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
-#[non_exhaustive]
-#[repr(u8)]
-pub enum Primitives {
-    /// Triangles.
-    #[default]
-    Triangles = 0,
-    /// Triangles, and points where triangles are smaller than a pixel and points cost less.
-    Hybrid = 1,
-    /// Points.
-    Points = 2,
-}
-
-impl Primitives {
-    const ALL: [(Primitives, &'static str); 3] = [
-        (Primitives::Triangles, "triangles"),
-        (Primitives::Hybrid, "hybrid"),
-        (Primitives::Points, "points"),
-    ];
-
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        Self::ALL[self as usize].1
-    }
-}
-
-impl std::str::FromStr for Primitives {
-    type Err = String;
-    fn from_str(text: &str) -> Result<Primitives, String> {
-        let found = Self::ALL.iter().find(|(_, name)| *name == text);
-        found
-            .map(|(primitives, _)| *primitives)
-            .ok_or_else(|| "expected triangles, hybrid or points".into())
-    }
-}
-
-/// A coordinate axis with a sign.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SignedAxis {
-    /// 0, 1 or 2 for x, y or z.
-    pub axis: u8,
-    /// Whether it points towards negative coordinates.
-    pub negative: bool,
-}
-
-impl SignedAxis {
-    /// +y, the most common up direction of scans.
-    pub const PLUS_Y: SignedAxis = SignedAxis { axis: 1, negative: false };
-    /// +z.
-    pub const PLUS_Z: SignedAxis = SignedAxis { axis: 2, negative: false };
-
-    /// As a unit vector.
-    pub fn direction(self) -> [f64; 3] {
-        let mut v = [0.0; 3];
-        v[usize::from(self.axis)] = if self.negative { -1.0 } else { 1.0 };
-        v
-    }
-}
-
-impl std::str::FromStr for SignedAxis {
-    type Err = String;
-    fn from_str(text: &str) -> Result<SignedAxis, String> {
-        let (negative, letter) = match text.strip_prefix('-') {
-            Some(rest) => (true, rest),
-            None => (false, text.strip_prefix('+').unwrap_or(text)),
-        };
-        let axis = ["x", "y", "z"].iter().position(|l| *l == letter);
-        axis.map(|axis| SignedAxis { axis: axis as u8, negative })
-            .ok_or_else(|| "expected +x, -x, +y, -y, +z or -z".into())
-    }
-}
-
-impl std::fmt::Display for SignedAxis {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let sign = if self.negative { '-' } else { '+' };
-        write!(f, "{sign}{}", ["x", "y", "z"][usize::from(self.axis)])
-    }
-}
 
 /// A file that the model was built from.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -238,11 +125,18 @@ pub struct Header {
     /// Where the front part ends: one read of this length gives header, root block and the
     /// root's pages.
     pub front_bytes: u64,
+    /// What is known of the scan besides its shape, where someone said it; at the end of the file.
+    pub metadata: Option<MetadataRef>,
     /// Length of the whole file; a shorter one is truncated.
     pub file_bytes: u64,
 }
 
 impl Header {
+    /// The version of a file with this header: the oldest that can say what is in it.
+    pub fn format_version(&self) -> u32 {
+        if self.metadata.is_some() { 2 } else { 1 }
+    }
+
     pub(crate) fn to_bytes(&self) -> Vec<u8> {
         let mut w = ByteWriter::default();
         w.u8(self.unit as u8);
@@ -282,8 +176,16 @@ impl Header {
             w.u64(source.file_bytes);
             w.put(&source.sha256);
         }
-
-        Header::with_prefix(&w.bytes)
+        let version = self.format_version();
+        if version >= 2 {
+            w.u8(u8::from(self.metadata.is_some()));
+            if let Some(MetadataRef { offset, text_bytes, crc32 }) = self.metadata {
+                w.u64(offset);
+                w.u32(text_bytes);
+                w.u32(crc32);
+            }
+        }
+        Header::with_prefix(version, &w.bytes)
     }
 
     /// That bytes lie within the file.
@@ -307,10 +209,10 @@ impl Header {
     /// Signature, version, length and checksum in front of a header's body. For fuzzing, too, which
     /// would never guess a checksum.
     #[doc(hidden)]
-    pub fn with_prefix(body: &[u8]) -> Vec<u8> {
+    pub fn with_prefix(version: u32, body: &[u8]) -> Vec<u8> {
         let mut prefix = ByteWriter::default();
         prefix.put(&MAGIC);
-        prefix.u32(FORMAT_VERSION);
+        prefix.u32(version);
         prefix.u32(body.len() as u32);
         prefix.u32(crc32fast::hash(body));
         prefix.put(body);
@@ -320,17 +222,17 @@ impl Header {
     /// Reads a header from the first bytes of a file: all of it, or [`HEADER_BYTES_MAX`].
     ///
     /// # Errors
-    /// When the bytes are not a header of [`FORMAT_VERSION`], are damaged, or contradict
-    /// themselves.
+    /// When the bytes are no header, are one of a version later than [`FORMAT_VERSION`], are damaged, or
+    /// contradict themselves.
     pub fn parse(file_start: &[u8]) -> Result<Header, FormatError> {
         // The signature and the version come before anything that depends on them.
         let mut r = ByteReader::new("header", file_start);
         if r.remaining() < MAGIC.len() || r.take(MAGIC.len())? != MAGIC {
             return Err(FormatError::NotHlod);
         }
-        let found = r.u32()?;
-        if found != FORMAT_VERSION {
-            return Err(FormatError::Version { found, expected: FORMAT_VERSION });
+        let version = r.u32()?;
+        if !(1..=FORMAT_VERSION).contains(&version) {
+            return Err(FormatError::Version { found: version, expected: FORMAT_VERSION });
         }
         let body_bytes = r.u32()? as usize;
         let expected = r.u32()?;
@@ -350,10 +252,10 @@ impl Header {
             let offset = PREFIX_BYTES as u64;
             return Err(FormatError::Checksum { what: "header", offset, found, expected });
         }
-        Self::parse_body(body)
+        Self::parse_body(version, body)
     }
 
-    fn parse_body(body: &[u8]) -> Result<Header, FormatError> {
+    fn parse_body(version: u32, body: &[u8]) -> Result<Header, FormatError> {
         let bad = |why: &str| FormatError::malformed("header", why);
         let mut r = ByteReader::new("header", body);
         let unit = r.u8()?;
@@ -422,8 +324,9 @@ impl Header {
             sha256.copy_from_slice(r.take(32)?);
             sources.push(SourceFile { base_name, file_bytes, sha256 });
         }
+        let metadata = if version >= 2 { metadata(&mut r, front_bytes, file_bytes)? } else { None };
         r.finish()?;
-        Ok(Header {
+        let header = Header {
             unit,
             up,
             front,
@@ -442,12 +345,41 @@ impl Header {
             skeleton_bytes,
             root_block,
             front_bytes,
+            metadata,
             file_bytes,
-        })
+        };
+        // One content, one encoding: what is not used is not declared.
+        if header.format_version() != version {
+            return Err(bad("an older version would have done"));
+        }
+        Ok(header)
     }
 
     /// Whether pages carry vertex colours.
     pub fn has_colours(&self) -> bool {
         self.attributes.iter().any(|a| a.kind == AttributeType::Srgba8)
     }
+}
+
+/// Where metadata lie, if there are any.
+fn metadata(
+    r: &mut ByteReader<'_>,
+    front_bytes: u64,
+    file_bytes: u64,
+) -> Result<Option<MetadataRef>, FormatError> {
+    let bad = |why: &str| FormatError::malformed("header", why);
+    match r.u8()? {
+        0 => return Ok(None),
+        1 => {}
+        _ => return Err(bad("neither metadata nor none")),
+    }
+    let metadata = MetadataRef { offset: r.u64()?, text_bytes: r.u32()?, crc32: r.u32()? };
+    let end = metadata.offset.saturating_add(metadata.text_bytes.into());
+    if metadata.text_bytes as usize > METADATA_BYTES_MAX {
+        return Err(bad("its metadata are too long"));
+    }
+    if metadata.offset < front_bytes || end > file_bytes {
+        return Err(bad("its metadata lie outside the file"));
+    }
+    Ok(Some(metadata))
 }

@@ -1,7 +1,7 @@
 //! Every byte of an `.hlod` file.
 //!
 //! ```text
-//! header · root skeleton block · root pages · other skeleton blocks · pages in depth, then Morton order
+//! header · root skeleton block · root pages · other skeleton blocks · pages in depth, then Morton order · metadata
 //! └──────────── the first read: a covering picture ──────────┘
 //! ```
 //!
@@ -16,11 +16,13 @@
 mod bytes;
 mod cell;
 mod container;
+mod declared;
 mod entropy;
 mod error;
 mod header;
 mod lattice;
 mod mesh;
+mod metadata;
 mod octahedral;
 mod page;
 mod points;
@@ -30,13 +32,17 @@ pub mod srgb;
 
 pub use cell::{CellKey, MAX_DEPTH};
 pub use container::{FileWriter, HlodFile};
+pub use declared::{Primitives, SignedAxis, Unit};
 pub use error::FormatError;
 pub use header::{
     AttributeDeclaration, AttributeDomain, AttributeType, FORMAT_VERSION, HEADER_BYTES_MAX, Header,
-    PageRef, Primitives, SignedAxis, SourceFile, Unit,
+    PageRef, SourceFile,
 };
 pub use lattice::Lattice;
 pub use mesh::Mesh;
+pub use metadata::{
+    Accuracy, METADATA_BYTES_MAX, METADATA_EXAMPLE, METADATA_SCHEMA, Metadata, MetadataRef,
+};
 pub use octahedral::OctNormal;
 pub use page::{
     PageAccount, PageContent, PageCounts, decode_page, encode_mesh_with_account, encode_page,

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use hlod_compress::{BoundStatus, HlodFile, NodeRecord, RepresentationKind};
+use hlod_compress::{BoundStatus, HlodFile, Metadata, NodeRecord, RepresentationKind};
 use serde::Serialize;
 
 use crate::error::BuildError;
@@ -37,6 +37,10 @@ pub struct Info {
     pub point_cost: f32,
     /// Attributes of vertices.
     pub attributes: Vec<String>,
+    /// What is known of the scan besides its shape, as it was given; null where nothing is.
+    pub metadata: Option<serde_json::Value>,
+    /// The same for people: names and values of the keys that are known.
+    pub about: Vec<(String, String)>,
     /// The inputs: base name, bytes, SHA-256.
     pub sources: Vec<SourceInfo>,
     /// Triangles read from the inputs.
@@ -49,7 +53,7 @@ pub struct Info {
     pub closed_oriented: bool,
     /// How far errors can be trusted: `measured` or `proven`.
     pub error_status: &'static str,
-    /// Length of the file: the sum of the four parts.
+    /// Length of the file: the sum of the five parts.
     pub bytes_total: u64,
     /// Pages of leaves.
     pub bytes_leaves: u64,
@@ -59,6 +63,8 @@ pub struct Info {
     pub bytes_geometric_upper: u64,
     /// Header and skeleton.
     pub bytes_skeleton: u64,
+    /// What is known of the scan besides its shape.
+    pub bytes_metadata: u64,
     /// Nodes with an error above their budget, the cell's edge ÷ R.
     pub nodes_over_budget: u64,
     /// One a depth.
@@ -113,7 +119,9 @@ pub struct Level {
 pub fn info(path: &Path) -> Result<Info, BuildError> {
     let file = HlodFile::open(path).map_err(BuildError::format(path))?;
     let nodes = file.read_skeleton().map_err(BuildError::format(path))?;
+    let metadata = file.read_metadata().map_err(BuildError::format(path))?;
     let header = file.header();
+    let metadata_bytes = header.metadata.map_or(0, |m| u64::from(m.text_bytes));
 
     let [mut leaves, mut appearance, mut geometric] = [0; 3];
     let mut proven = true;
@@ -133,7 +141,7 @@ pub fn info(path: &Path) -> Result<Info, BuildError> {
     };
     Ok(Info {
         nodes_over_budget: nodes.iter().filter(is_over).count() as u64,
-        format_version: hlod_compress::FORMAT_VERSION,
+        format_version: header.format_version(),
         unit: header.unit.name(),
         up: header.up.to_string(),
         front: header.front.to_string(),
@@ -146,6 +154,8 @@ pub fn info(path: &Path) -> Result<Info, BuildError> {
         representation: header.primitives.name(),
         point_cost: header.point_cost,
         attributes: header.attributes.iter().map(|a| a.name.clone()).collect(),
+        metadata: metadata.as_ref().map(Metadata::value),
+        about: metadata.as_ref().map(Metadata::lines).unwrap_or_default(),
         sources: header
             .sources
             .iter()
@@ -164,7 +174,8 @@ pub fn info(path: &Path) -> Result<Info, BuildError> {
         bytes_leaves: leaves,
         bytes_appearance_upper: appearance,
         bytes_geometric_upper: geometric,
-        bytes_skeleton: header.file_bytes - leaves - appearance - geometric,
+        bytes_skeleton: header.file_bytes - leaves - appearance - geometric - metadata_bytes,
+        bytes_metadata: metadata_bytes,
         levels: levels(&nodes),
     })
 }

@@ -5,7 +5,8 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use hlod_compress::{
-    AttributeDeclaration, AttributeDomain, AttributeType, BlockRef, Header, Primitives, SignedAxis,
+    AttributeDeclaration, AttributeDomain, AttributeType, BlockRef, Header, Metadata, Primitives,
+    SignedAxis,
 };
 use hlod_scan::{ColourSource, ScanReport};
 use rayon::prelude::*;
@@ -53,6 +54,8 @@ pub struct BuildOptions {
     pub up: SignedAxis,
     /// Which way the statue faces.
     pub front: SignedAxis,
+    /// What is known of the scan besides its shape.
+    pub metadata: Option<Metadata>,
     /// Whether an existing output is replaced.
     pub force: bool,
     /// How much memory the build may use.
@@ -77,6 +80,7 @@ impl Default for BuildOptions {
             unit: hlod_compress::Unit::Unknown,
             up: SignedAxis::PLUS_Y,
             front: SignedAxis::PLUS_Z,
+            metadata: None,
             force: false,
             memory_bytes: 4 << 30,
             work_folder: None,
@@ -265,7 +269,8 @@ fn run_steps(
     meter.finish_stage("upper levels");
 
     let header = header(options, &account, &survey);
-    let (header, oddities) = assemble(folder, &plan.parts(), header, output, progress)?;
+    let about = (header, options.metadata.as_ref());
+    let (header, oddities) = assemble(folder, &plan.parts(), about, output, progress)?;
     meter.finish_stage("write");
     Ok(Built { account, survey, header, oddities })
 }
@@ -424,6 +429,7 @@ fn header(options: &BuildOptions, account: &Account, survey: &Survey) -> Header 
         skeleton_bytes: 0,
         root_block: BlockRef { offset: 0, block_bytes: 0, crc32: 0 },
         front_bytes: 0,
+        metadata: None,
         file_bytes: 0,
     }
 }

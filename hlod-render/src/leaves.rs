@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DVec3;
 use hlod_compress::{
-    BlockRef, CellKey, Children, FormatError, Header, NodeRecord, PageContent, PageRef,
+    BlockRef, CellKey, Children, FormatError, Header, Metadata, NodeRecord, PageContent, PageRef,
     RepresentationKind, SkeletonBlock, decode_page,
 };
 
@@ -78,6 +78,14 @@ impl Leaves {
     /// Its header.
     pub fn header(&self) -> &Header {
         self.source.header()
+    }
+
+    /// What is known of the scan besides its shape.
+    ///
+    /// # Errors
+    /// When it cannot be read or is damaged.
+    pub fn metadata(&self) -> Result<Option<Metadata>, RenderError> {
+        self.source.read_metadata().map_err(RenderError::format(&self.path))
     }
 
     /// A lattice position in source coordinates.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::{DMat4, DVec3};
-use hlod_compress::{CellKey, FormatError, Header};
+use hlod_compress::{CellKey, FormatError, Header, Metadata};
 
 use crate::arena::{Arena, ArenaSize, Slot};
 use crate::error::RenderError;
@@ -53,6 +53,7 @@ impl Default for ModelLimits {
 pub struct Model {
     path: PathBuf,
     header: Header,
+    source: Arc<Source>,
     skeleton: Skeleton,
     world_from_model: DMat4,
     limits: ModelLimits,
@@ -114,6 +115,7 @@ impl Model {
             path: path.to_owned(),
             world_from_model: DMat4::from_translation(model_origin(&header.lattice)),
             header,
+            source: file.clone(),
             skeleton,
             limits,
             loader: Box::new(loader),
@@ -151,6 +153,14 @@ impl Model {
     /// What the file says about itself.
     pub fn header(&self) -> &Header {
         &self.header
+    }
+
+    /// What is known of the scan besides its shape; reads it, and waits for that.
+    ///
+    /// # Errors
+    /// When it cannot be read or is damaged.
+    pub fn metadata(&self) -> Result<Option<Metadata>, RenderError> {
+        self.source.read_metadata().map_err(RenderError::format(&self.path))
     }
 
     /// The nodes known so far.

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use hlod_compress::{BlockRef, FormatError, Header, HlodFile, PageRef, SkeletonBlock};
+use hlod_compress::{BlockRef, FormatError, Header, HlodFile, Metadata, PageRef, SkeletonBlock};
 
 use crate::error::RenderError;
 
@@ -35,7 +35,7 @@ pub struct Source {
 }
 
 enum Bytes {
-    Disk(HlodFile),
+    Disk(Box<HlodFile>),
     Server(Box<HttpFile>),
 }
 
@@ -56,7 +56,7 @@ impl Source {
             Some(address) if is_address(path) => {
                 Bytes::Server(Box::new(HttpFile::open(address, cache).map_err(format)?))
             }
-            _ => Bytes::Disk(HlodFile::open(path).map_err(format)?),
+            _ => Bytes::Disk(Box::new(HlodFile::open(path).map_err(format)?)),
         };
         Ok(Source { bytes, kept: Mutex::new(Kept::new(keep_bytes)) })
     }
@@ -108,6 +108,16 @@ impl Source {
     pub fn read_block(&self, block: BlockRef) -> Result<SkeletonBlock, FormatError> {
         let (bytes, _) = self.read("skeleton block", block.offset, block.block_bytes)?;
         SkeletonBlock::parse(&bytes, block).inspect_err(|_| self.forget(block.offset))
+    }
+
+    /// Reads and checks what is known of the scan besides its shape.
+    ///
+    /// # Errors
+    /// When it cannot be read or is damaged.
+    pub fn read_metadata(&self) -> Result<Option<Metadata>, FormatError> {
+        let Some(metadata) = self.header().metadata else { return Ok(None) };
+        let (text, _) = self.read("metadata", metadata.offset, metadata.text_bytes)?;
+        metadata.parse(&text).map(Some).inspect_err(|_| self.forget(metadata.offset))
     }
 
     /// Reads and checks a page.

@@ -222,7 +222,7 @@ fn a_planted_error_that_is_too_small_is_caught() {
     let write_lie = |change: &dyn Fn(&mut Errors)| {
         let mut nodes = honest.clone();
         change(&mut nodes[0].representations[0].errors);
-        let writer = FileWriter::new(file.header().clone(), nodes).unwrap();
+        let writer = FileWriter::new(file.header().clone(), nodes, None).unwrap();
         let mut bytes = Vec::new();
         let page = |cell, kind| {
             let node = honest.iter().find(|n| n.cell == cell).unwrap();

@@ -5,7 +5,9 @@
 use std::path::{Path, PathBuf};
 
 use hlod_build::{VerifyOptions, info, progress::Silent, verify};
-use hlod_compress::{FORMAT_VERSION, HlodFile, PageContent, Primitives, decode_page};
+use hlod_compress::{
+    FORMAT_VERSION, HlodFile, METADATA_EXAMPLE, Metadata, PageContent, Primitives, decode_page,
+};
 use hlod_render::picture::take;
 use hlod_render::scene::Representation;
 use hlod_render::{Model, ModelLimits, framing::Framing};
@@ -52,6 +54,10 @@ fn contents(path: &Path) -> String {
             );
         }
     }
+    if let Some(metadata) = file.read_metadata().unwrap() {
+        let hash = crc32fast::hash(metadata.text().as_bytes());
+        out += &format!("metadata {} {hash:08x}\n", metadata.text().len());
+    }
     out
 }
 
@@ -91,7 +97,9 @@ fn write_golden(folder: &Path) {
             o.resolution = if primitives == Primitives::Hybrid { 16 } else { 64 };
             o.primitives = primitives;
             o.point_cost = 0.01;
+            o.metadata = Some(Metadata::parse(METADATA_EXAMPLE.as_bytes()).unwrap());
         });
+        assert_eq!(HlodFile::open(&path).unwrap().header().format_version(), FORMAT_VERSION);
         let both = |line: &str| !line.contains(" 0 ") && line.contains("Appearance");
         let has_both = contents(&path).lines().any(both);
         assert_eq!(has_both, primitives == Primitives::Hybrid, "{name}:\n{}", contents(&path));

@@ -7,6 +7,7 @@ mod dust;
 mod figures;
 mod format;
 mod measuring;
+mod metadata;
 mod network;
 mod pictures;
 mod points;

@@ -29,6 +29,7 @@ fn header() -> Header {
         skeleton_bytes: 0,
         root_block: BlockRef { offset: 0, block_bytes: 0, crc32: 0 },
         front_bytes: 0,
+        metadata: None,
         file_bytes: 0,
     }
 }
@@ -75,7 +76,11 @@ fn tree(depth: u8) -> Vec<NodeRecord> {
 }
 
 fn write_tree(depth: u8) -> (NamedTempFile, Header) {
-    let writer = FileWriter::new(header(), tree(depth)).unwrap();
+    write_tree_with(depth, None)
+}
+
+fn write_tree_with(depth: u8, metadata: Option<&Metadata>) -> (NamedTempFile, Header) {
+    let writer = FileWriter::new(header(), tree(depth), metadata).unwrap();
     let mut bytes = Vec::new();
     writer.write::<FormatError>(&mut bytes, |cell, kind| Ok(page_of(cell, kind))).unwrap();
     assert_eq!(bytes.len() as u64, writer.header().file_bytes);
@@ -113,15 +118,15 @@ fn the_front_part_holds_the_root() {
 #[test]
 fn broken_trees_are_refused() {
     let orphan = vec![node(CellKey::ROOT.child(1).child(2), &[RepresentationKind::Source])];
-    assert!(FileWriter::new(header(), orphan).is_err());
-    assert!(FileWriter::new(header(), Vec::new()).is_err());
+    assert!(FileWriter::new(header(), orphan, None).is_err());
+    assert!(FileWriter::new(header(), Vec::new(), None).is_err());
     let twice = vec![node(CellKey::ROOT, &[RepresentationKind::Source]); 2];
-    assert!(FileWriter::new(header(), twice).is_err());
+    assert!(FileWriter::new(header(), twice, None).is_err());
 }
 
 #[test]
 fn a_page_that_is_not_the_declared_one_is_refused() {
-    let writer = FileWriter::new(header(), tree(1)).unwrap();
+    let writer = FileWriter::new(header(), tree(1), None).unwrap();
     let result = writer.write::<FormatError>(&mut Vec::new(), |_, _| Ok(b"other".to_vec()));
     assert!(matches!(result, Err(FormatError::Malformed { .. })), "{result:?}");
 }
@@ -138,7 +143,7 @@ fn every_truncation_and_every_damaged_front_byte_is_an_error() {
                 file.read_page(r.page)?;
             }
         }
-        Ok(())
+        file.read_metadata().map(drop)
     };
     read(&good).unwrap();
     for length in 0..good.len() {
@@ -149,6 +154,60 @@ fn every_truncation_and_every_damaged_front_byte_is_an_error() {
         bytes[at] ^= 0x10;
         assert!(read(&bytes).is_err(), "bit flipped in byte {at}");
     }
+}
+
+/// Metadata come last and are all that version 2 adds: what a reader of version 1 knows lies where it did.
+#[test]
+fn metadata_survive_and_make_a_file_of_version_2() {
+    let metadata = Metadata::parse(crate::METADATA_EXAMPLE.as_bytes()).unwrap();
+    let (with, header) = write_tree_with(2, Some(&metadata));
+    assert_eq!(header.format_version(), 2);
+    let file = HlodFile::open(with.path()).unwrap();
+    assert_eq!(file.read_metadata().unwrap().as_ref(), Some(&metadata));
+    let range = header.metadata.unwrap();
+    assert_eq!(range.offset + u64::from(range.text_bytes), header.file_bytes);
+
+    let (without, plain) = write_tree_with(2, None);
+    assert_eq!((plain.format_version(), plain.metadata), (1, None));
+    assert_eq!(HlodFile::open(without.path()).unwrap().read_metadata().unwrap(), None);
+    let bytes = std::fs::read(with.path()).unwrap();
+    let of_version_1 = std::fs::read(without.path()).unwrap();
+    assert_eq!(of_version_1[8..12], 1u32.to_le_bytes());
+    assert_eq!(bytes[8..12], 2u32.to_le_bytes());
+    assert_eq!(&bytes[range.offset as usize..], crate::METADATA_EXAMPLE.as_bytes());
+
+    // Each damaged byte of them is found; the rest stays readable.
+    for at in range.offset as usize..bytes.len() {
+        let mut damaged = bytes.clone();
+        damaged[at] ^= 0x10;
+        let temp = temp_file(&damaged);
+        let file = HlodFile::open(temp.path()).unwrap();
+        assert!(matches!(file.read_metadata(), Err(FormatError::Checksum { .. })));
+        assert!(file.read_skeleton().is_ok());
+    }
+}
+
+#[test]
+fn ranges_of_metadata_outside_the_file_are_refused() {
+    let reference = crate::MetadataRef { offset: 500, text_bytes: 20, crc32: 0 };
+    let with = |change: &dyn Fn(&mut crate::MetadataRef)| {
+        let mut metadata = reference;
+        change(&mut metadata);
+        let root_block = BlockRef { offset: 0, block_bytes: 10, crc32: 0 };
+        let (front_bytes, file_bytes) = (400, 520);
+        let metadata = Some(metadata);
+        let header = Header { root_block, front_bytes, file_bytes, metadata, ..header() };
+        Header::parse(&header.to_bytes())
+    };
+    assert_eq!(with(&|_| {}).unwrap().metadata, Some(reference));
+    assert!(with(&|m| m.offset = 399).is_err());
+    assert!(with(&|m| m.offset = u64::MAX).is_err());
+    assert!(with(&|m| m.text_bytes = 21).is_err());
+    // A version that nothing needs is none.
+    let body = &header().to_bytes()[20..];
+    assert!(Header::parse(&Header::with_prefix(1, body)).is_ok());
+    assert!(Header::parse(&Header::with_prefix(2, &[body, &[0]].concat())).is_err());
+    assert!(Header::parse(&Header::with_prefix(2, body)).is_err());
 }
 
 #[test]

@@ -37,6 +37,23 @@ pub enum Command {
     Compare(CompareArgs),
     /// Make a sample: a carved bust on a plinth with an inscription of known depths.
     Synth(SynthArgs),
+    /// Check what build --meta is given, or print an example to start from.
+    Meta(MetaArgs),
+}
+
+#[derive(Args)]
+#[group(id = "what", required = true, multiple = false, args = ["file", "template", "schema"])]
+pub struct MetaArgs {
+    /// A file of metadata to check.
+    pub file: Option<PathBuf>,
+    /// Print an example with every key.
+    #[arg(long)]
+    pub template: bool,
+    /// Print the JSON Schema, for editors and other programs.
+    #[arg(long)]
+    pub schema: bool,
+    #[command(flatten)]
+    pub json: JsonArgs,
 }
 
 /// Where machine-readable results go.
@@ -119,6 +136,10 @@ pub struct BuildArgs {
     /// Which way the statue faces [default: +z, or -y where up is along z].
     #[arg(long, allow_hyphen_values = true)]
     pub front: Option<SignedAxis>,
+    /// What is known of the scan besides its shape, kept in the file: title, holder, rights, device,
+    /// accuracy … (JSON; `hlod-build meta --template` prints an example).
+    #[arg(long, value_name = "FILE")]
+    pub meta: Option<PathBuf>,
     /// Replace an existing output.
     #[arg(long)]
     pub force: bool,
@@ -197,6 +218,8 @@ impl BuildArgs {
             unit: self.unit,
             up: self.up,
             front,
+            // Read where errors can be said.
+            metadata: None,
             force: self.force,
             memory_bytes: self.memory,
             work_folder: self.work_dir.clone(),

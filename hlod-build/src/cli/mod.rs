@@ -10,12 +10,16 @@ use std::path::{Path, PathBuf};
 use hlod_build::progress::{Progress, Unit};
 use hlod_build::synth::{StatueOptions, describe, write_statue};
 use hlod_build::{
-    VerifyOptions, build, compare, export, info, list_steps, prepare, run_step, verify,
+    MetadataReport, VerifyOptions, build, compare, export, info, list_steps, prepare,
+    read_metadata, run_step, verify,
 };
+use hlod_compress::{METADATA_EXAMPLE, METADATA_SCHEMA};
 use outcome::Outcome;
 use serde::Serialize;
 
-use args::{BuildArgs, Cli, Command, ExportArgs, JsonArgs, StepArgs, SynthArgs, VerifyArgs};
+use args::{
+    BuildArgs, Cli, Command, ExportArgs, JsonArgs, MetaArgs, StepArgs, SynthArgs, VerifyArgs,
+};
 use progress_bar::Bars;
 
 pub use outcome::Failure;
@@ -77,11 +81,18 @@ pub fn run(cli: &Cli) -> Outcome {
             print(&args.json, &report, || tables::compare(&report))
         }
         Command::Synth(args) => run_synth(args, &progress),
+        Command::Meta(args) => run_meta(args),
     }
 }
 
 fn run_build(args: &BuildArgs, progress: &Bars, quiet: bool) -> Outcome {
-    let options = args.options().map_err(Failure::Usage)?;
+    let mut options = args.options().map_err(Failure::Usage)?;
+    options.metadata = args.meta.as_deref().map(read_metadata).transpose()?;
+    if let (Some(metadata), Some(path), false) = (&options.metadata, &args.meta, quiet) {
+        for key in metadata.unknown_keys() {
+            eprintln!("{}: {key} is kept; nothing is known of it", path.display());
+        }
+    }
     start_work(args.threads, progress)?;
     if args.prepare {
         let folder = prepare(&args.input, &args.output, &options, progress)?;
@@ -156,6 +167,17 @@ fn run_synth(args: &SynthArgs, progress: &Bars) -> Outcome {
     })?;
     progress.end();
     print(&args.json, &report, || tables::synth(&report, output))
+}
+
+fn run_meta(args: &MetaArgs) -> Outcome {
+    match &args.file {
+        Some(path) => {
+            let report = MetadataReport::of(&read_metadata(path)?);
+            print(&args.json, &report, || tables::metadata(&report))
+        }
+        None if args.template => print_line(METADATA_EXAMPLE.trim_end()),
+        None => print_line(METADATA_SCHEMA.trim_end()),
+    }
 }
 
 /// JSON where it was asked for, else a table.

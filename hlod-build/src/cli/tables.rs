@@ -5,7 +5,8 @@ use std::path::Path;
 use comfy_table::{CellAlignment, Table, presets};
 use hlod_build::synth::StatueReport;
 use hlod_build::{
-    BuildReport, CompareReport, ExportReport, Info, StageCost, StepDescription, VerifyReport,
+    BuildReport, CompareReport, ExportReport, Info, MetadataReport, StageCost, StepDescription,
+    VerifyReport,
 };
 use hlod_scan::{ColourReport, ColourTaken, ScanReport};
 
@@ -164,8 +165,12 @@ pub fn info(info: &Info) -> String {
         ("appearance, upper", info.bytes_appearance_upper),
         ("geometric, upper", info.bytes_geometric_upper),
         ("header, skeleton", info.bytes_skeleton),
+        ("metadata", info.bytes_metadata),
         ("file", info.bytes_total),
     ] {
+        if (name, bytes) == ("metadata", 0) {
+            continue;
+        }
         parts.add_row([
             name,
             &grouped(bytes),
@@ -227,8 +232,9 @@ pub fn info(info: &Info) -> String {
             format!("{} ({}, SHA-256 {}…)", s.base_name, megabytes(s.file_bytes), &s.sha256[..12])
         })
         .collect();
+    let about = about(&info.about);
     format!(
-        "from         {}\nsize         {}, up {}, front {}\nprecision    {}\n\
+        "{about}from         {}\nsize         {}, up {}, front {}\nprecision    {}\n\
          {many:<12} {} read, {} nodes, R = {}, T = {}{}\nattributes   {}\nsurface      {}\n\
          errors       {} against the scan file; {}\n\n{parts}\n\n{levels}\n{legend}",
         sources.join("\n             "),
@@ -258,6 +264,25 @@ pub fn info(info: &Info) -> String {
             count => format!("{} nodes over their budget", grouped(count)),
         },
     )
+}
+
+/// Names and texts, a line each, and an empty line.
+fn about(lines: &[(String, String)]) -> String {
+    let widest = lines.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0).max(12);
+    let mut out: String =
+        lines.iter().map(|(name, text)| format!("{name:<widest$} {text}\n")).collect();
+    if !out.is_empty() {
+        out.push('\n');
+    }
+    out
+}
+
+pub fn metadata(report: &MetadataReport) -> String {
+    let unknown = match &report.unknown_keys[..] {
+        [] => "every key is known".to_owned(),
+        keys => format!("kept, though nothing is known of it: {}", keys.join(", ")),
+    };
+    format!("{}{unknown}", about(&report.lines))
 }
 
 pub fn steps(steps: &[StepDescription]) -> String {

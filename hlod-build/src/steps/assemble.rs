@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-use hlod_compress::{CellKey, FileWriter, FormatError, Header, RepresentationKind};
+use hlod_compress::{CellKey, FileWriter, FormatError, Header, Metadata, RepresentationKind};
 
 use super::nodes::{Names, read_records};
 use super::work_folder::WorkFolder;
@@ -19,7 +19,7 @@ use crate::progress::{Progress, Unit};
 pub(crate) fn assemble(
     folder: &WorkFolder,
     parts: &[CellKey],
-    header: Header,
+    (header, metadata): (Header, Option<&Metadata>),
     output: &Path,
     progress: &dyn Progress,
 ) -> Result<(Header, Oddities), BuildError> {
@@ -38,7 +38,7 @@ pub(crate) fn assemble(
             records.push(record);
         }
     }
-    let writer = FileWriter::new(header, records).map_err(BuildError::format(output))?;
+    let writer = FileWriter::new(header, records, metadata).map_err(BuildError::format(output))?;
     progress.begin("write", writer.header().file_bytes, Unit::Bytes);
     let aside = Aside::create(output)?;
     let mut out = BufWriter::with_capacity(1 << 20, aside.file());

@@ -40,7 +40,10 @@ fn open_model(cli: &Cli, file: &Path, draw: &DrawArgs) -> Result<Opened, Failure
     let framing = Framing::of(&model);
     let arguments: Vec<_> = std::env::args_os().collect();
     let command = command_line(arguments.iter().map(|a| a.as_os_str()));
-    let provenance = Provenance::new(file, model.header(), &command);
+    let mut provenance = Provenance::new(file, model.header(), &command);
+    if let Some(metadata) = model.metadata()? {
+        provenance.add_about(&metadata);
+    }
     Ok(Opened { gpu, models: [model], framing, provenance })
 }
 

@@ -143,7 +143,7 @@ fn sections(
     }
     bar.finish_and_clear();
     let sheet = Sheet::new(&args.file, leaves.header(), args.unit, families);
-    Ok(sheet)
+    Ok(sheet.about(leaves.metadata()?.as_ref()))
 }
 
 fn write_drawings(args: &SectionArgs, sheet: &Sheet) -> Result<(), RenderError> {

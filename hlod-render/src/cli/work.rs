@@ -60,7 +60,7 @@ pub struct MeasureArgs {
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = args::size)]
     pub size: (u32, u32),
     /// The scanner's expanded uncertainty of a length in the scan's unit, as declared: it is shown beside
-    /// results.
+    /// results [default: what the session declares, else the file's metadata].
     #[arg(long, value_name = "LENGTH", value_parser = args::positive)]
     pub scanner_u: Option<f64>,
     /// Its coverage factor.
@@ -205,6 +205,9 @@ pub fn run_measure(args: &MeasureArgs) -> Outcome {
         let source = args.scanner_source.clone();
         report.scanner = Some(ScannerUncertainty { expanded, k: args.scanner_k, source });
     }
+    if report.scanner.is_none() {
+        declared_by_file(&leaves, &mut report)?;
+    }
     if let Some(path) = &args.csv {
         write_file(path, &csv(&report)?)?;
     }
@@ -213,6 +216,23 @@ pub fn run_measure(args: &MeasureArgs) -> Outcome {
     if failed > 0 {
         let all = report.measurements.len();
         return Err(Failure::Work(format!("{failed} of {all} could not be measured")));
+    }
+    Ok(())
+}
+
+/// What the file's metadata say, where nobody else said anything.
+fn declared_by_file(leaves: &Leaves, report: &mut MeasureReport) -> Outcome {
+    let Some(metadata) = leaves.metadata()? else { return Ok(()) };
+    report.scanner = ScannerUncertainty::of_file(&metadata, leaves.header().unit);
+    if let (None, Some(accuracy)) = (&report.scanner, metadata.accuracy()) {
+        let remark = format!(
+            "{}: its metadata declare an accuracy of {} {}, but not which unit its lengths have: not used",
+            report.file,
+            accuracy.value,
+            accuracy.unit.name()
+        );
+        eprintln!("hlod-render: {remark}");
+        report.remarks.push(remark);
     }
     Ok(())
 }

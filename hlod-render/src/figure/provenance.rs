@@ -4,7 +4,7 @@ use std::ffi::OsStr;
 use std::fmt::Write;
 use std::path::Path;
 
-use hlod_compress::{Header, Unit};
+use hlod_compress::{Header, Metadata, Unit};
 use tiff::tags::Tag;
 
 use crate::camera::{Camera, Projection};
@@ -22,6 +22,10 @@ pub struct Provenance {
     pub description: String,
     /// The command that makes it again.
     pub command: String,
+    /// What the file's metadata say of the scan, a line each: what and its value.
+    pub about: String,
+    /// Credit line and rights, as the metadata give them.
+    pub rights: String,
 }
 
 impl Provenance {
@@ -36,9 +40,19 @@ impl Provenance {
         Provenance {
             title: base_name(model.as_os_str()),
             sources: sources.trim_end().to_owned(),
-            description: String::new(),
             command: printable(command),
+            ..Provenance::default()
         }
+    }
+
+    /// Adds what is known of the scan besides its shape.
+    pub fn add_about(&mut self, metadata: &Metadata) {
+        let lines = metadata.lines();
+        let is_rights = |name: &str| ["credit", "rights"].contains(&name);
+        let rights = lines.iter().filter(|(name, _)| is_rights(name));
+        self.rights = rights.map(|(_, text)| printable(text)).collect::<Vec<_>>().join("\n");
+        let all = lines.iter().map(|(name, text)| format!("{name}: {}", printable(text)));
+        self.about = all.collect::<Vec<_>>().join("\n");
     }
 
     /// Adds a line.
@@ -82,6 +96,8 @@ impl Provenance {
             ("Software", software()),
             ("Source", self.sources.clone()),
             ("Description", self.description.clone()),
+            ("About", self.about.clone()),
+            ("Copyright", self.rights.clone()),
             ("Comment", self.command.clone()),
         ];
         all.into_iter().filter(|(_, text)| !text.is_empty()).collect()
@@ -89,15 +105,17 @@ impl Provenance {
 
     /// The same for TIFF, whose texts have no letters beyond ASCII.
     pub(super) fn tiff_texts(&self) -> Vec<(Tag, String)> {
-        let all = [self.sources.as_str(), &self.description, &self.command];
+        let all = [self.sources.as_str(), &self.about, &self.description, &self.command];
         let parts: Vec<&str> = all.into_iter().filter(|text| !text.is_empty()).collect();
         // DocumentName has no name of its own in the crate.
         let texts = [
             (Tag::Unknown(269), self.title.clone()),
             (Tag::ImageDescription, parts.join("\n")),
             (Tag::Software, software()),
+            (Tag::Copyright, self.rights.clone()),
         ];
-        texts.map(|(tag, text)| (tag, ascii(&text))).into_iter().collect()
+        let some = texts.into_iter().filter(|(_, text)| !text.is_empty());
+        some.map(|(tag, text)| (tag, ascii(&text))).collect()
     }
 }
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use glam::DVec2;
-use hlod_compress::{Header, Unit};
+use hlod_compress::{Header, Metadata, Unit};
 
 use super::{Plane, Section};
 use crate::error::RenderError;
@@ -30,6 +30,8 @@ pub struct Provenance {
     pub unit_of_file: Unit,
     /// Program and version.
     pub program: String,
+    /// What the file's metadata say of the scan: names and values.
+    pub about: Vec<(String, String)>,
 }
 
 /// One section on a sheet.
@@ -62,9 +64,16 @@ impl Sheet {
             _ => path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
         };
         let program = concat!("hlod-render ", env!("CARGO_PKG_VERSION")).to_owned();
-        let provenance = Provenance { file, scans, unit_of_file: header.unit, program };
+        let unit_of_file = header.unit;
+        let provenance = Provenance { file, scans, unit_of_file, program, about: Vec::new() };
         let unit = declared.unwrap_or(header.unit);
         Sheet { provenance, unit, layers: side_by_side(families) }
+    }
+
+    /// The same sheet, which says what is known of the scan besides its shape.
+    pub fn about(mut self, metadata: Option<&Metadata>) -> Sheet {
+        self.provenance.about = metadata.map(Metadata::lines).unwrap_or_default();
+        self
     }
 
     /// How many millimetres the unit has.
@@ -94,6 +103,7 @@ impl Sheet {
         let p = &self.provenance;
         let mut lines = vec![format!("Plane sections of {} by {}", p.file, p.program)];
         lines.extend(p.scans.iter().map(|(name, sha256)| format!("Scan {name}, SHA-256 {sha256}")));
+        lines.extend(p.about.iter().map(|(name, text)| format!("{name}: {text}")));
         lines.push(match self.unit == p.unit_of_file {
             true => format!("Unit of the scan: {}", self.unit.name()),
             false => {

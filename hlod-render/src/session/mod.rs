@@ -16,7 +16,7 @@ mod view;
 use std::sync::Arc;
 
 use glam::DVec3;
-use hlod_compress::Header;
+use hlod_compress::{Header, Metadata, Unit};
 use serde::{Deserialize, Serialize};
 
 pub use history::History;
@@ -24,6 +24,7 @@ pub use store::{Saver, SessionFile, free_beside, load, place_of, save};
 pub use view::{LightFrame, Looks, PaintName, SavedView, ShadowName, Viewpoint};
 
 use crate::clip::{ClipPlanes, PLANES_MAX};
+use crate::figure::scale::millimetres;
 use crate::measure::{Measurement, SurfacePoint};
 use crate::section::Plane;
 
@@ -99,6 +100,20 @@ pub struct ScannerUncertainty {
     pub k: f64,
     /// Who says so: a calibration certificate, a data sheet.
     pub source: String,
+}
+
+impl ScannerUncertainty {
+    /// What a file's metadata declare, in the unit of its lengths; none where that is unknown, because a
+    /// number that might be of another unit is worse than none.
+    pub fn of_file(metadata: &Metadata, unit: Unit) -> Option<ScannerUncertainty> {
+        let accuracy = metadata.accuracy()?;
+        let expanded = match accuracy.unit == unit {
+            true => accuracy.value,
+            false => accuracy.value * millimetres(accuracy.unit)? / millimetres(unit)?,
+        };
+        let source = format!("{} (metadata of the file)", accuracy.source);
+        Some(ScannerUncertainty { expanded, k: accuracy.k, source })
+    }
 }
 
 /// A plane that cuts the statue: all points p with normal · p = offset.

@@ -16,6 +16,7 @@
 //!
 //! Only `window`, `input`, `bindings`, `gui`, `panel`, `painter` and `screen` know that there is a window.
 
+mod about;
 mod bindings;
 mod depth;
 mod gui;

@@ -122,6 +122,7 @@ fn contents(
 ) {
     ui.spacing_mut().slider_width = 100.0;
     desk::steps(ui, work, wishes);
+    super::about::show(ui, work.metadata());
     section(ui, "View", |ui| views(ui, readings, &mut wishes.actions));
     section(ui, "Saved views", |ui| desk::views(ui, work, wishes));
     section(ui, "Precision", |ui| precision(ui, settings, readings));

@@ -128,7 +128,7 @@ pub fn measurements(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
         }
         ui.add(egui::Label::new(text).truncate()).on_hover_text(hover);
     });
-    let scanner = match &work.session().scanner {
+    let scanner = match &work.scanner() {
         Some(u) => format!("scanner: U = {} (k = {}), {}", u.expanded, u.k, u.source),
         None => "scanner's uncertainty: not declared".to_owned(),
     };
@@ -143,7 +143,9 @@ fn declared(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
     let before = work.session().scanner.clone();
     let Some(mut scanner) = before.clone() else {
         if ui.button("Declare it").clicked() {
-            let scanner = ScannerUncertainty { expanded: 0.05, k: 2.0, source: String::new() };
+            let usual = ScannerUncertainty { expanded: 0.05, k: 2.0, source: String::new() };
+            // Where the file says it, that is what is changed.
+            let scanner = work.scanner().unwrap_or(usual);
             wishes.change("declare uncertainty", move |s| s.scanner = Some(scanner));
         }
         return;

@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DVec2, DVec3};
-use hlod_compress::{Header, Unit};
+use hlod_compress::{Header, Metadata, Unit};
 
 use self::clerk::{Answer, Clerk, Question};
 use self::tool::{Task, Tool};
@@ -31,8 +31,8 @@ use crate::model::Model;
 use crate::pick::Hit;
 use crate::section::{Measures, Plane, Section, Sheet};
 use crate::session::{
-    History, ModelIdentity, Note, NoteShape, SECTIONS_MAX, SavedView, Saver, SectionPlane, Session,
-    SessionFile, Viewpoint, free_beside, load, place_of,
+    History, ModelIdentity, Note, NoteShape, SECTIONS_MAX, SavedView, Saver, ScannerUncertainty,
+    SectionPlane, Session, SessionFile, Viewpoint, free_beside, load, place_of,
 };
 
 /// A step that changes the session, as the panel asks for it.
@@ -70,6 +70,7 @@ pub struct Work {
     finish_wanted: bool,
     file: PathBuf,
     header: Header,
+    metadata: Option<Metadata>,
     bounds: (DVec3, DVec3),
     is_closed: bool,
     unit: String,
@@ -86,8 +87,12 @@ impl Work {
         model: &Model,
         wake: impl Fn() + Send + 'static,
     ) -> Work {
-        let header = model.header();
         let mut problems = Vec::new();
+        let header = model.header();
+        let metadata = model.metadata().unwrap_or_else(|error| {
+            problems.push(error.to_string());
+            None
+        });
         let untouched = Session::new(file, header);
         let place = match session {
             Some(path) => Ok(SessionFile { path: path.to_owned(), exists: path.exists() }),
@@ -129,6 +134,7 @@ impl Work {
             finish_wanted: false,
             file: file.to_owned(),
             header: header.clone(),
+            metadata,
             bounds: model.bounds(),
             is_closed: model.is_closed(),
             unit: header.unit.name().to_owned(),
@@ -136,6 +142,17 @@ impl Work {
         };
         work.cut_again();
         work
+    }
+
+    /// What is known of the scan besides its shape.
+    pub fn metadata(&self) -> Option<&Metadata> {
+        self.metadata.as_ref()
+    }
+
+    /// How well the scanner measured, as the session declares it, else the file.
+    fn scanner(&self) -> Option<ScannerUncertainty> {
+        let of_file = || ScannerUncertainty::of_file(self.metadata.as_ref()?, self.header.unit);
+        self.session().scanner.clone().or_else(of_file)
     }
 
     /// The session as it is.
@@ -395,6 +412,7 @@ impl Work {
         let outlines = self.outlines.iter().flatten().filter_map(|o| o.section.as_ref());
         let families = outlines.map(|(section, _)| vec![(**section).clone()]).collect();
         let sheet = Sheet::new(&self.file, &self.header, None, families);
+        let sheet = sheet.about(self.metadata.as_ref());
         let beside = self.session_path().unwrap_or_else(|| PathBuf::from("sections"));
         let stem = self.file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let names = |n: u32| {
