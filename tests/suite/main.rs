@@ -8,6 +8,7 @@ mod format;
 mod measuring;
 mod network;
 mod pictures;
+mod placing;
 mod points;
 mod programs;
 mod restart;
