@@ -8,7 +8,7 @@ use hlod_compress::{
     AttributeDeclaration, AttributeDomain, AttributeType, BlockRef, Header, Metadata, Primitives,
     SignedAxis,
 };
-use hlod_scan::{ColourSource, ScanReport};
+use hlod_scan::{ColourSource, PlacedScan, ScanReport, Transform, place_scans};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -41,6 +41,8 @@ pub struct BuildOptions {
     pub precision: Option<f64>,
     /// Where the colours of vertices are taken from.
     pub colour: ColourSource,
+    /// Where each inputs: scans.iter().map(InputStamp::of) stands, in the order of these; empty where all stand where they say themselves.
+    pub transforms: Vec<Option<Transform>>,
     /// Differences of normals below this many times their noise in a node do not count as shading
     /// (α_tol); one step of an 8-bit shade never does.
     pub normal_noise: f32,
@@ -74,6 +76,7 @@ impl Default for BuildOptions {
             leaf_triangles: 16_384,
             precision: None,
             colour: ColourSource::Auto,
+            transforms: Vec::new(),
             normal_noise: NORMAL_NOISE,
             primitives: Primitives::Triangles,
             point_cost: POINT_COST,
@@ -142,8 +145,8 @@ pub fn build(
     progress: &dyn Progress,
 ) -> Result<BuildReport, BuildError> {
     let mut meter = Meter::start();
-    let (folder, memory) = begin(inputs, output, options, progress)?;
-    let result = run_steps(&folder, inputs, output, options, &memory, &mut meter, progress);
+    let (folder, memory, scans) = begin(inputs, output, options, progress)?;
+    let result = run_steps(&folder, &scans, output, options, &memory, &mut meter, progress);
     match result {
         Ok(built) => {
             folder.remove()?;
@@ -165,8 +168,8 @@ pub fn prepare(
     options: &BuildOptions,
     progress: &dyn Progress,
 ) -> Result<PathBuf, BuildError> {
-    let (folder, memory) = begin(inputs, output, options, progress)?;
-    match divide(&folder, inputs, options, &memory, &mut Meter::start(), progress) {
+    let (folder, memory, scans) = begin(inputs, output, options, progress)?;
+    match divide(&folder, &scans, options, &memory, &mut Meter::start(), progress) {
         Ok(_) => Ok(work_folder_of(output, options)),
         Err(error) => Err(give_up(folder, error)?),
     }
@@ -178,14 +181,17 @@ fn begin(
     output: &Path,
     options: &BuildOptions,
     progress: &dyn Progress,
-) -> Result<(WorkFolder, Memory), BuildError> {
+) -> Result<(WorkFolder, Memory, Vec<PlacedScan>), BuildError> {
     if inputs.is_empty() {
         return Err(BuildError::Usage("no input was given".into()));
     }
-    check_output(inputs, output, options.force)?;
+    let scans = place_scans(inputs, &options.transforms)?;
+    let meshes = scans.iter().map(|scan| &scan.path);
+    let read: Vec<PathBuf> = inputs.iter().chain(meshes).cloned().collect();
+    check_output(&read, output, options.force)?;
     let memory = Memory::share(options.memory_bytes, options.leaf_triangles, output)?;
-    let folder = open_folder(&work_folder_of(output, options), inputs, options, progress)?;
-    Ok((folder, memory))
+    let folder = open_folder(&work_folder_of(output, options), &scans, options, progress)?;
+    Ok((folder, memory, scans))
 }
 
 /// Nothing is left where nothing was done, or going on would end as this did.
@@ -213,13 +219,13 @@ struct Divided {
 
 fn divide(
     folder: &WorkFolder,
-    inputs: &[PathBuf],
+    scans: &[PlacedScan],
     options: &BuildOptions,
     memory: &Memory,
     meter: &mut Meter,
     progress: &dyn Progress,
 ) -> Result<Divided, BuildError> {
-    let account = ingest(folder, inputs, options.colour, memory.join_bytes, progress)?;
+    let account = ingest(folder, scans, options.colour, memory.join_bytes, progress)?;
     meter.finish_stage("read");
 
     let (precision, full) = (options.precision, memory.subtree_triangles);
@@ -236,7 +242,7 @@ fn divide(
 /// The build: each step reads what those before have written.
 fn run_steps(
     folder: &WorkFolder,
-    inputs: &[PathBuf],
+    scans: &[PlacedScan],
     output: &Path,
     options: &BuildOptions,
     memory: &Memory,
@@ -244,7 +250,7 @@ fn run_steps(
     progress: &dyn Progress,
 ) -> Result<Built, BuildError> {
     let Divided { account, survey, plan } =
-        divide(folder, inputs, options, memory, meter, progress)?;
+        divide(folder, scans, options, memory, meter, progress)?;
 
     let gate = Gate::new(memory.nodes_bytes);
     let setting = Setting {
@@ -340,7 +346,7 @@ fn work_folder_of(output: &Path, options: &BuildOptions) -> PathBuf {
 
 fn open_folder(
     path: &Path,
-    inputs: &[PathBuf],
+    scans: &[PlacedScan],
     options: &BuildOptions,
     progress: &dyn Progress,
 ) -> Result<WorkFolder, BuildError> {
@@ -355,7 +361,7 @@ fn open_folder(
             primitives: options.primitives.name().into(),
             point_cost: options.point_cost,
         },
-        inputs: inputs.iter().map(|input| InputStamp::of(input)).collect::<Result<_, _>>()?,
+        inputs: scans.iter().map(InputStamp::of).collect::<Result<_, _>>()?,
     };
     if !options.resume {
         return WorkFolder::start(path, &identity);

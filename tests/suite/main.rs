@@ -10,6 +10,7 @@ mod measuring;
 mod metadata;
 mod network;
 mod pictures;
+mod placing;
 mod points;
 mod programs;
 mod restart;

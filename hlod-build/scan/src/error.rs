@@ -64,6 +64,19 @@ pub enum ScanError {
         at: Spot,
     },
 
+    /// Transforms were given for some inputs only.
+    #[error(
+        "{at}: {transforms} transforms for {inputs} inputs; give one for each, `none` where there is none"
+    )]
+    Transforms {
+        /// The first input.
+        at: Spot,
+        /// How many were given.
+        transforms: usize,
+        /// For how many inputs.
+        inputs: usize,
+    },
+
     /// Textures take more memory than is allowed.
     #[error(
         "{at}: its textures up to `{name}` take {} MiB, where {} MiB of --memory are for them; give \
@@ -235,6 +248,7 @@ impl ScanError {
                 | ScanError::NotAFile { .. }
                 | ScanError::NoInput { .. }
                 | ScanError::UnknownFormat { .. }
+                | ScanError::Transforms { .. }
         )
     }
 
@@ -247,6 +261,7 @@ impl ScanError {
             | ScanError::UnknownFormat { at }
             | ScanError::Texture { at, .. }
             | ScanError::NoTexture { at }
+            | ScanError::Transforms { at, .. }
             | ScanError::TexturesTooLarge { at, .. }
             | ScanError::EmptyFile { at }
             | ScanError::Io { at, .. }

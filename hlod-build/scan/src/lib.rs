@@ -29,11 +29,13 @@ mod obj;
 mod paged;
 mod ply;
 mod polygon;
+mod project;
 mod report;
 mod sibling;
 mod sniff;
 mod stl;
 mod texture;
+mod transform;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -43,11 +45,14 @@ use serde::{Deserialize, Serialize};
 
 pub use error::{Place, ScanError, Spot};
 pub use mesh::{NormalSum, ScanMesh, Weld, angle_weighted_normals, load, weld_exact};
+pub use project::{PlacedScan, place_scans};
 pub use report::ScanReport;
 pub use texture::{ColourReport, ColourSource, ColourTaken, TextureReport};
+pub use transform::Transform;
 
 use input::Input;
 use paged::Room;
+use transform::Mover;
 
 /// Most vertices or triangles of one batch.
 pub const BATCH_ITEMS_MAX: usize = 64 * 1024;
@@ -154,6 +159,8 @@ pub struct ReadOptions<'a> {
     pub scratch: &'a Path,
     /// Where colours are taken from.
     pub colour: ColourSource,
+    /// Where the scan stands, if not where it says itself.
+    pub transform: Option<Transform>,
     /// Called now and then while the file is opened, which for OBJ takes two passes over all of it;
     /// gets the share of the file's bytes that is done and says whether to go on.
     pub progress: &'a mut dyn FnMut(u64) -> bool,
@@ -164,6 +171,7 @@ pub struct ScanReader {
     header: ScanHeader,
     report: ScanReport,
     body: Box<dyn ReadBatches>,
+    mover: Option<Mover>,
     ended: bool,
 }
 
@@ -204,7 +212,11 @@ impl ScanReader {
     pub fn open_within(path: &Path, options: ReadOptions<'_>) -> Result<ScanReader, ScanError> {
         let room =
             Room { bytes: options.memory_bytes, scratch: Some(options.scratch.to_path_buf()) };
-        Self::open_in(path, room, options.colour, options.progress)
+        let mut reader = Self::open_in(path, room, options.colour, options.progress)?;
+        if let Some(transform) = &options.transform {
+            reader.move_by(transform);
+        }
+        Ok(reader)
     }
 
     fn open_in(
@@ -243,8 +255,19 @@ impl ScanReader {
             },
             report,
             body: opened.body,
+            mover: None,
             ended: false,
         })
+    }
+
+    /// Has all that is read from now on moved.
+    fn move_by(&mut self, transform: &Transform) {
+        self.report.transform = Some(*transform);
+        if transform.is_mirroring() {
+            let warning = "the transform mirrors: triangles are turned round, so that they face outwards as before";
+            self.report.warnings.push(warning.to_owned());
+        }
+        self.mover = Some(Mover::new(transform));
     }
 
     /// What the file says about itself.
@@ -268,7 +291,12 @@ impl ScanReader {
         if self.ended {
             return Ok(None);
         }
-        let batch = self.body.next_batch(&mut self.report);
+        let mut batch = self.body.next_batch(&mut self.report);
+        if let (Ok(Some(moved)), Some(mover)) = (&mut batch, &mut self.mover)
+            && let Err(error) = mover.apply(moved, &self.header.path)
+        {
+            batch = Err(error);
+        }
         match &batch {
             Ok(Some(Batch::Vertices(batch))) => {
                 self.report.vertices += batch.positions.len() as u64;
@@ -319,14 +347,17 @@ struct Opened {
 /// A normal as [`VertexBatch`] promises it: of unit length, or zero if `normal` cannot
 /// be used, which is then counted.
 fn unit_normal(normal: DVec3, report: &mut ScanReport) -> Vec3 {
+    let unit = unit_normal_or_zero(normal);
+    report.normals_absent += u64::from(unit == Vec3::ZERO);
+    unit
+}
+
+/// The same, without a report.
+fn unit_normal_or_zero(normal: DVec3) -> Vec3 {
     // The longest component first, so that no square overflows or underflows.
     let scale = normal.abs().max_element();
     let unit = (normal / scale).normalize_or_zero();
-    if normal.is_finite() && unit != DVec3::ZERO {
-        return unit.as_vec3();
-    }
-    report.normals_absent += 1;
-    Vec3::ZERO
+    if normal.is_finite() { unit.as_vec3() } else { Vec3::ZERO }
 }
 
 /// `value` in 0..=1 as an 8-bit number; outside and NaN are clamped.

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 
 use crate::error::{Place, ScanError, Spot};
 use crate::report::ScanReport;
-use crate::{Batch, ScanReader, polygon};
+use crate::{Batch, ScanReader, place_scans, polygon};
 
 /// One or several scans as one indexed mesh.
 #[derive(Clone, Debug, Default)]
@@ -29,7 +29,7 @@ pub struct ScanMesh {
 }
 
 /// Reads `paths` as one model: their vertices and triangles one after the other, in
-/// the coordinates that each file has. Triangle soups are welded ([`weld_exact`]), each
+/// the coordinates that each file has, or where a MeshLab project puts them. Triangle soups are welded ([`weld_exact`]), each
 /// by itself. Normals that a file lacks are computed ([`angle_weighted_normals`]).
 ///
 /// `progress` is called with bytes done and bytes in total, at least once at the end.
@@ -43,18 +43,22 @@ pub fn load(paths: &[PathBuf], progress: &mut dyn FnMut(u64, u64)) -> Result<Sca
         let at = Spot::new(Path::new("(no file)"), Place::File);
         return Err(ScanError::NoInput { at });
     }
+    let scans = place_scans(paths, &[])?;
     // A missing file is told before the others are read; sizes serve the progress.
     let mut bytes_total = 0;
-    for path in paths {
-        let metadata = std::fs::metadata(path);
-        let at = Spot::new(path, Place::File);
+    for scan in &scans {
+        let metadata = std::fs::metadata(&scan.path);
+        let at = Spot::new(&scan.path, Place::File);
         bytes_total += metadata.map_err(|e| ScanError::from_io(at, e))?.len();
     }
 
     let mut mesh = ScanMesh::default();
     let mut bytes_before = 0;
-    for path in paths {
-        let mut reader = ScanReader::open(path)?;
+    for scan in &scans {
+        let mut reader = ScanReader::open(&scan.path)?;
+        if let Some(transform) = &scan.transform {
+            reader.move_by(transform);
+        }
         append(&mut mesh, &mut reader, &mut |bytes| {
             progress((bytes_before + bytes).min(bytes_total), bytes_total);
         })?;

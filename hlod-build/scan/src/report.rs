@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::ScanFormat;
 use crate::texture::ColourReport;
+use crate::transform::Transform;
 
 /// Counts and remarks about one file, complete once its last batch was read.
 ///
@@ -38,6 +39,9 @@ pub struct ScanReport {
     pub normals_absent: u64,
     /// Vertices merged because their positions are equal ([`load`](crate::load) only).
     pub vertices_welded: u64,
+    /// Where it was told to stand; positions and normals delivered are moved by it.
+    #[serde(default)]
+    pub transform: Option<Transform>,
     /// Where colours come from.
     #[serde(default)]
     pub colours: ColourReport,
@@ -61,6 +65,7 @@ impl ScanReport {
             degenerate_faces: 0,
             strip_stitches: 0,
             normals_absent: 0,
+            transform: None,
             colours: ColourReport::default(),
             vertices_welded: 0,
             skipped: Vec::new(),

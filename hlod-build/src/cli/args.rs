@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use hlod_build::{BuildOptions, Selection};
 use hlod_compress::{Primitives, RepresentationKind, SignedAxis, Unit};
-use hlod_scan::ColourSource;
+use hlod_scan::{ColourSource, Transform};
 
 /// Turn a scan into one .hlod file: an octree of levels of detail with known error.
 #[derive(Parser)]
@@ -79,7 +79,7 @@ pub struct CompareArgs {
 
 #[derive(Args)]
 pub struct BuildArgs {
-    /// Scans; several make one model.
+    /// Scans, or MeshLab projects of aligned ones (.mlp); several make one model.
     #[arg(required = true)]
     pub input: Vec<PathBuf>,
     /// The file to write.
@@ -95,6 +95,10 @@ pub struct BuildArgs {
     /// quantised, else a sixteenth of its short edges].
     #[arg(long, value_parser = positive)]
     pub precision: Option<f64>,
+    /// A text of 16 numbers, row by row, that moves an input to where it stands, as MeshLab and
+    /// CloudCompare write them; one for each input, in their order, `none` for one that stays.
+    #[arg(long, value_name = "FILE")]
+    pub transform: Vec<PathBuf>,
     /// Where colours come from: auto (vertices where the scan has colours there, else its textures),
     /// vertex, texture, or none. A vertex gets the mean of the texels that it stands for.
     #[arg(long, default_value = "auto", value_name = "SOURCE")]
@@ -199,6 +203,15 @@ fn point_cost(text: &str) -> Result<f32, String> {
     }
 }
 
+/// The matrices of files; `none` is no file.
+pub fn transforms(files: &[PathBuf]) -> Result<Vec<Option<Transform>>, String> {
+    let read = |file: &PathBuf| match file.to_str() {
+        Some("none") => Ok(None),
+        _ => Transform::read(file).map(Some).map_err(|error| error.to_string()),
+    };
+    files.iter().map(read).collect()
+}
+
 impl BuildArgs {
     pub fn options(&self) -> Result<BuildOptions, String> {
         let z_up = self.up.axis == 2;
@@ -215,6 +228,7 @@ impl BuildArgs {
             point_cost: self.point_cost,
             precision: self.precision,
             colour: self.colour,
+            transforms: transforms(&self.transform)?,
             unit: self.unit,
             up: self.up,
             front,
@@ -263,6 +277,9 @@ pub struct VerifyArgs {
     /// The scans it was built from: leaves are compared with them too.
     #[arg(long, num_args = 1.., value_name = "INPUT")]
     pub against: Vec<PathBuf>,
+    /// Where each of them stands, as for `build`.
+    #[arg(long, value_name = "FILE")]
+    pub transform: Vec<PathBuf>,
     /// Sample this share of the inner nodes of each depth.
     #[arg(long, default_value_t = 1.0, value_parser = share)]
     pub share: f64,

@@ -140,6 +140,7 @@ fn run_steps(args: &StepArgs, progress: &Bars) -> Outcome {
 fn run_verify(args: &VerifyArgs, progress: &Bars) -> Outcome {
     let options = VerifyOptions {
         against: args.against.clone(),
+        transforms: args::transforms(&args.transform).map_err(Failure::Usage)?,
         share: args.share,
         memory_bytes: args.memory,
         ..VerifyOptions::default()

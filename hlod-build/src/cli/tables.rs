@@ -116,6 +116,9 @@ pub fn input_remarks(report: &ScanReport) -> Vec<String> {
     if !report.skipped.is_empty() {
         out.push(format!("not used: {}", report.skipped.join(", ")));
     }
+    if let Some(transform) = &report.transform {
+        out.push(format!("moved by {transform}"));
+    }
     out.extend(colour_remarks(&report.colours));
     if report.degenerate_faces > 0 {
         out.push(format!("{} degenerate faces left out", grouped(report.degenerate_faces)));

@@ -1,10 +1,8 @@
 //! Reads the scans once, into files of vertices and triangles.
 
-use std::path::PathBuf;
-
 use bytemuck::{Pod, Zeroable};
 use hlod_compress::SourceFile;
-use hlod_scan::{Batch, ColourSource, ReadOptions, ScanError, ScanReader, ScanReport};
+use hlod_scan::{Batch, ColourSource, PlacedScan, ReadOptions, ScanError, ScanReader, ScanReport};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -59,7 +57,7 @@ pub(crate) struct Source {
 /// Does the step unless it is done, and says what was read.
 pub(crate) fn ingest(
     folder: &WorkFolder,
-    inputs: &[PathBuf],
+    scans: &[PlacedScan],
     colour: ColourSource,
     memory_bytes: usize,
     progress: &dyn Progress,
@@ -67,8 +65,8 @@ pub(crate) fn ingest(
     let account_file = folder.file(ACCOUNT);
     folder.step("ingest", &[VERTICES, TRIANGLES, ACCOUNT], || {
         let (account, identities) = rayon::join(
-            || read_all(folder, inputs, colour, memory_bytes, progress),
-            || inputs.par_iter().map(|p| identify(p)).collect::<Result<Vec<_>, _>>(),
+            || read_all(folder, scans, colour, memory_bytes, progress),
+            || scans.par_iter().map(|scan| identify(&scan.path)).collect::<Result<Vec<_>, _>>(),
         );
         let mut account = account?;
         account.sources = identities?.iter().map(Source::of).collect();
@@ -103,13 +101,13 @@ impl Source {
 
 fn read_all(
     folder: &WorkFolder,
-    inputs: &[PathBuf],
+    scans: &[PlacedScan],
     colour: ColourSource,
     memory_bytes: usize,
     progress: &dyn Progress,
 ) -> Result<Account, BuildError> {
     let mut bytes_total = 0;
-    for path in inputs {
+    for PlacedScan { path, .. } in scans {
         let metadata = std::fs::metadata(path).map_err(BuildError::io(path, "open"))?;
         bytes_total += metadata.len();
     }
@@ -127,7 +125,8 @@ fn read_all(
     };
     let mut vertices = RecordWriter::create(&folder.file(VERTICES))?;
     let mut triangles = RecordWriter::create(&folder.file(TRIANGLES))?;
-    for (number, path) in inputs.iter().enumerate() {
+    for (number, scan) in scans.iter().enumerate() {
+        let path = &scan.path;
         let mut bytes_before = 0;
         let mut advance = |bytes: u64| {
             progress.advance(bytes.saturating_sub(bytes_before));
@@ -138,8 +137,13 @@ fn read_all(
             !progress.is_stopped()
         };
         let scratch = folder.file("");
-        let within =
-            ReadOptions { memory_bytes, scratch: &scratch, colour, progress: &mut while_opening };
+        let within = ReadOptions {
+            memory_bytes,
+            scratch: &scratch,
+            colour,
+            transform: scan.transform,
+            progress: &mut while_opening,
+        };
         let mut reader = match ScanReader::open_within(path, within) {
             Err(ScanError::Stopped { .. }) => return Err(BuildError::Stopped(scratch)),
             opened => opened?,
@@ -222,10 +226,11 @@ fn read_all(
         if report.triangles == 0 && !account.is_cloud {
             return Err(BuildError::NoTriangles { path: path.clone(), faces: report.faces_read });
         }
+        report.warnings.extend(scan.remarks.iter().cloned());
         account.reports.push(report);
     }
     if account.is_cloud && account.normals_lacking > 0 {
-        let path = inputs[0].clone();
+        let path = scans[0].path.clone();
         let (lacking, points) = (account.normals_lacking, account.vertices);
         return Err(BuildError::NoNormals { path, lacking, points });
     }

@@ -9,7 +9,7 @@ use std::fs::{File, TryLockError};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
-use hlod_scan::ColourSource;
+use hlod_scan::{ColourSource, PlacedScan, Transform};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -43,10 +43,12 @@ pub(crate) struct InputStamp {
     path: PathBuf,
     bytes: u64,
     modified_nanos: u128,
+    transform: Option<Transform>,
 }
 
 impl InputStamp {
-    pub(crate) fn of(path: &Path) -> Result<InputStamp, BuildError> {
+    pub(crate) fn of(scan: &PlacedScan) -> Result<InputStamp, BuildError> {
+        let path = &scan.path;
         let metadata = std::fs::metadata(path).map_err(|error| {
             // The reader says it best.
             match hlod_scan::ScanReader::open(path) {
@@ -57,7 +59,8 @@ impl InputStamp {
         let modified = metadata.modified().map_err(BuildError::io(path, "open"))?;
         let since = modified.duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
         let path = path.canonicalize().map_err(BuildError::io(path, "open"))?;
-        Ok(InputStamp { path, bytes: metadata.len(), modified_nanos: since.as_nanos() })
+        let transform = scan.transform;
+        Ok(InputStamp { path, bytes: metadata.len(), modified_nanos: since.as_nanos(), transform })
     }
 }
 

@@ -7,10 +7,9 @@
 //! points.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
-use std::path::{Path, PathBuf};
 
 use hlod_compress::{CellKey, HlodFile, Lattice, MAX_DEPTH, Mesh, NodeRecord};
-use hlod_scan::{Batch, ColourSource, ReadOptions, ScanReader};
+use hlod_scan::{Batch, ColourSource, PlacedScan, ReadOptions, ScanReader};
 use rayon::prelude::*;
 
 use super::check_page;
@@ -40,7 +39,7 @@ const TRIANGLE_BYTES: u64 = 160;
 pub(super) fn compare(
     file: &HlodFile,
     nodes: &[NodeRecord],
-    against: &[PathBuf],
+    against: &[PlacedScan],
     memory_bytes: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<String>, BuildError> {
@@ -119,11 +118,12 @@ pub(super) fn compare(
     Ok(out)
 }
 
-pub(super) fn total_bytes(paths: &[PathBuf]) -> Result<u64, BuildError> {
-    let size = |path: &PathBuf| {
+pub(super) fn total_bytes(scans: &[PlacedScan]) -> Result<u64, BuildError> {
+    let size = |scan: &PlacedScan| {
+        let path = &scan.path;
         std::fs::metadata(path).map(|m| m.len()).map_err(BuildError::io(path, "read"))
     };
-    paths.iter().map(size).sum()
+    scans.iter().map(size).sum()
 }
 
 /// The input's vertices on the lattice, file after file.
@@ -135,14 +135,14 @@ struct Vertices {
 
 impl Vertices {
     fn read(
-        paths: &[PathBuf],
+        scans: &[PlacedScan],
         lattice: &Lattice,
         progress: &dyn Progress,
     ) -> Result<Vertices, BuildError> {
         let mut out = Vertices { positions: Vec::new(), first: Vec::new() };
-        for path in paths {
+        for scan in scans {
             out.first.push(out.positions.len());
-            each_batch(path, progress, &mut |batch| {
+            each_batch(scan, progress, &mut |batch| {
                 if let Batch::Vertices(batch) = batch {
                     let rounded = batch.positions.iter().map(|p| round_to(lattice, p.to_array()));
                     out.positions.extend(rounded);
@@ -155,12 +155,12 @@ impl Vertices {
     /// Calls `visit` for every triangle of the input.
     fn each_triangle(
         &self,
-        paths: &[PathBuf],
+        scans: &[PlacedScan],
         progress: &dyn Progress,
         visit: &mut dyn FnMut(Corners),
     ) -> Result<(), BuildError> {
-        for (path, first) in paths.iter().zip(&self.first) {
-            each_batch(path, progress, &mut |batch| {
+        for (scan, first) in scans.iter().zip(&self.first) {
+            each_batch(scan, progress, &mut |batch| {
                 if let Batch::Triangles(batch) = batch {
                     for t in batch.triangles {
                         // Readers check indices; the file may have changed since its vertices
@@ -178,7 +178,7 @@ impl Vertices {
 }
 
 pub(super) fn each_batch(
-    path: &Path,
+    scan: &PlacedScan,
     progress: &dyn Progress,
     visit: &mut dyn FnMut(Batch),
 ) -> Result<(), BuildError> {
@@ -186,11 +186,12 @@ pub(super) fn each_batch(
     let options = ReadOptions {
         memory_bytes: READER_BYTES,
         scratch: &scratch,
-        // Only positions are compared.
-        colour: ColourSource::None,
+        // Of surfaces only positions are compared, and clouds have no textures.
+        colour: ColourSource::Vertex,
+        transform: scan.transform,
         progress: &mut |_| !progress.is_stopped(),
     };
-    let mut reader = ScanReader::open_within(path, options)?;
+    let mut reader = ScanReader::open_within(&scan.path, options)?;
     let mut done = 0;
     while let Some(batch) = reader.next_batch()? {
         visit(batch);

@@ -26,6 +26,7 @@ use hlod_compress::{
     CellKey, FormatError, HlodFile, NodeRecord, PageContent, PageCounts, Representation,
     decode_page,
 };
+use hlod_scan::{Transform, place_scans};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -110,6 +111,9 @@ pub struct RepresentationCheck {
 pub struct VerifyOptions {
     /// The scans that the file was built from: leaves are compared with them too.
     pub against: Vec<PathBuf>,
+    /// Where each of them stands, as when it was built from them; empty where all stand where they say
+    /// themselves.
+    pub transforms: Vec<Option<Transform>>,
     /// Of the inner nodes of each depth this share, from 0 to 1, is sampled, evenly spread, at
     /// least one.
     pub share: f64,
@@ -125,6 +129,7 @@ impl Default for VerifyOptions {
     fn default() -> VerifyOptions {
         VerifyOptions {
             against: Vec::new(),
+            transforms: Vec::new(),
             share: 1.0,
             memory_bytes: 4 << 30,
             block_triangles: 400_000,
@@ -161,10 +166,11 @@ pub fn verify(
     let is_cloud = file.header().points_input > 0;
     let mut leaves_differ = 0;
     if !options.against.is_empty() {
+        let scans = place_scans(&options.against, &options.transforms)?;
         let differing = if is_cloud {
-            points::compare(&file, &nodes, &options.against, progress)?
+            points::compare(&file, &nodes, &scans, progress)?
         } else {
-            leaves::compare(&file, &nodes, &options.against, options.memory_bytes, progress)?
+            leaves::compare(&file, &nodes, &scans, options.memory_bytes, progress)?
         };
         leaves_differ = differing.len() as u64;
         problems.extend(differing);

@@ -6,10 +6,9 @@
 //!   beginning that is said to cover, and one of these balls' normals is within the stored deviation.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
-use std::path::PathBuf;
 
 use hlod_compress::{CellKey, HlodFile, Lattice, NodeRecord, OctNormal, Points};
-use hlod_scan::Batch;
+use hlod_scan::{Batch, PlacedScan};
 
 use super::leaves::{each_batch, round_to, total_bytes};
 use super::originals::Originals;
@@ -21,7 +20,7 @@ use crate::progress::{Progress, Unit};
 pub(super) fn compare(
     file: &HlodFile,
     nodes: &[NodeRecord],
-    against: &[PathBuf],
+    against: &[PlacedScan],
     progress: &dyn Progress,
 ) -> Result<Vec<String>, BuildError> {
     let lattice = file.header().lattice;
@@ -29,8 +28,8 @@ pub(super) fn compare(
         nodes.iter().filter(|node| !node.is_leaf()).map(|node| node.cell).collect();
     let mut expected: BTreeMap<CellKey, Sum> = BTreeMap::new();
     progress.begin("compare leaves", total_bytes(against)?, Unit::Bytes);
-    for path in against {
-        each_batch(path, progress, &mut |batch| {
+    for scan in against {
+        each_batch(scan, progress, &mut |batch| {
             let Batch::Vertices(batch) = batch else { return };
             for (i, p) in batch.positions.iter().enumerate() {
                 let position = round_to(&lattice, p.to_array());

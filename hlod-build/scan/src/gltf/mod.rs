@@ -22,6 +22,7 @@ use crate::paged::Room;
 use crate::polygon::{self, Strip};
 use crate::report::ScanReport;
 use crate::texture::{self, ColourSource, ColourTaken, Painter, srgb_from_linear};
+use crate::transform::normal_matrix;
 use crate::{
     BATCH_ITEMS_MAX, Batch, Opened, ReadBatches, ScanFormat, TriangleBatch, VertexBatch,
     unit_normal, unit_to_byte,
@@ -374,15 +375,4 @@ fn read_indices(
             is_index.then_some(index as u32).ok_or(IndexError::OutOfRange(corner, index))
         })
         .collect()
-}
-
-/// Inverse transpose, up to a positive factor: normals are made unit length anyway,
-/// and the cofactors exist even where the inverse does not.
-fn normal_matrix(m: DMat3) -> DMat3 {
-    let cofactors = DMat3::from_cols(
-        m.y_axis.cross(m.z_axis),
-        m.z_axis.cross(m.x_axis),
-        m.x_axis.cross(m.y_axis),
-    );
-    cofactors * if m.determinant() < 0.0 { -1.0 } else { 1.0 }
 }

@@ -159,6 +159,7 @@ fn reads_the_same_in_any_room() {
         memory_bytes: 0,
         scratch: folder,
         colour: Default::default(),
+        transform: None,
         progress: &mut progress,
     };
     let reader = hlod_scan::ScanReader::open_within(&path, options).expect("a valid file");
@@ -173,6 +174,7 @@ fn reads_the_same_in_any_room() {
         memory_bytes: 0,
         scratch: folder,
         colour: Default::default(),
+        transform: None,
         progress: &mut |_| false,
     };
     let stopped = hlod_scan::ScanReader::open_within(&path, options);

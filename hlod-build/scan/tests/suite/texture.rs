@@ -201,8 +201,13 @@ fn read_within(
     bytes: usize,
 ) -> Result<Whole, ScanError> {
     let scratch = std::env::temp_dir();
-    let options =
-        ReadOptions { memory_bytes: bytes, scratch: &scratch, colour, progress: &mut |_| true };
+    let options = ReadOptions {
+        memory_bytes: bytes,
+        scratch: &scratch,
+        colour,
+        transform: None,
+        progress: &mut |_| true,
+    };
     read_all(ScanReader::open_within(path, options)?)
 }
 
