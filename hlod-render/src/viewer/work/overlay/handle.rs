@@ -30,7 +30,8 @@ pub(super) fn show(ui: &Ui, canvas: &Canvas, work: &Work, wishes: &mut Wishes) {
         let length = canvas.world_length(at) * f64::from(ARROW);
         let Some(tip) = canvas.screen(at + plane.normal * length) else { continue };
         let [r, g, b] = PLANE_COLOURS[i.min(PLANE_COLOURS.len() - 1)];
-        let response = Area::new(Id::unique(("plane", i)))
+        let id = Id::unique(("plane", i));
+        let response = Area::new(id)
             .order(Order::Middle)
             .fixed_pos(place - Vec2::splat(SIZE / 2.0))
             .show(ui.ctx(), |ui| ui.allocate_response(Vec2::splat(SIZE), Sense::drag()))
@@ -38,14 +39,33 @@ pub(super) fn show(ui: &Ui, canvas: &Canvas, work: &Work, wishes: &mut Wishes) {
             .on_hover_text(format!("{}: drag to move it", section.name));
         let held = response.hovered() || response.dragged();
         draw(ui, place, tip, Color32::from_rgb(r, g, b), held);
-        let dragged = response.drag_delta();
-        if dragged != Vec2::ZERO {
-            let moved = along(dragged, tip - place) * length;
-            wishes.adjust("move section", move |s| {
-                Arc::make_mut(&mut s.sections)[i].offset += moved;
-            });
+        // From where it was taken hold of, not from frame to frame: none is laid out while the cursor moves
+        // over the statue, and the first would have all of that way.
+        if response.drag_started() {
+            let grab = Grab { offset: section.offset, arrow: tip - place, length };
+            ui.data_mut(|data| data.insert_temp(id, grab));
+        }
+        let grab = ui.data(|data| data.get_temp::<Grab>(id)).filter(|_| response.dragged());
+        let from = ui.input(|input| input.pointer.press_origin());
+        if let (Some(grab), Some(from), Some(to)) = (grab, from, response.interact_pointer_pos()) {
+            let offset = grab.offset + along(to - from, grab.arrow) * grab.length;
+            if offset != section.offset {
+                wishes.adjust("move section", move |s| {
+                    Arc::make_mut(&mut s.sections)[i].offset = offset;
+                });
+            }
         }
     }
+}
+
+/// How a plane was when it was taken hold of.
+#[derive(Clone, Copy)]
+struct Grab {
+    offset: f64,
+    /// On the screen.
+    arrow: Vec2,
+    /// The same in the world.
+    length: f64,
 }
 
 /// How far along an arrow a drag goes, as a share of its length.
