@@ -44,6 +44,9 @@ pub use report::ScanReport;
 use input::Input;
 use paged::Room;
 
+/// Most properties that can be kept besides shape, normals and colours.
+pub const KEEP_MAX: usize = 4;
+
 /// Most vertices or triangles of one batch.
 pub const BATCH_ITEMS_MAX: usize = 64 * 1024;
 
@@ -66,6 +69,9 @@ pub struct VertexBatch {
     pub normals: Vec<Vec3>,
     /// Red, green, blue in sRGB, then alpha. Empty if the file has no colours.
     pub colours: Vec<[u8; 4]>,
+    /// For each property in [`ReadOptions::keep`] its numbers; NaN where the file has none, or not a
+    /// finite one.
+    pub scalars: Vec<Vec<f64>>,
 }
 
 /// At most [`BATCH_ITEMS_MAX`] triangles.
@@ -139,6 +145,8 @@ pub struct ScanHeader {
     /// Whether the file holds points without triangles, and says so: then there are no triangle
     /// batches.
     pub is_point_cloud: bool,
+    /// Names of the numbers that vertices have besides shape, normals and colours, in file order.
+    pub scalars: Vec<String>,
 }
 
 /// How a scan is read.
@@ -150,6 +158,9 @@ pub struct ReadOptions<'a> {
     /// Called now and then while the file is opened, which for OBJ takes two passes over all of it;
     /// gets the share of the file's bytes that is done and says whether to go on.
     pub progress: &'a mut dyn FnMut(u64) -> bool,
+    /// Vertex properties to be read besides shape, normals and colours, [`KEEP_MAX`] at most, by their
+    /// names in the file.
+    pub keep: &'a [String],
 }
 
 /// One scan file opened for reading; yields batches in file order.
@@ -158,6 +169,7 @@ pub struct ScanReader {
     report: ScanReport,
     body: Box<dyn ReadBatches>,
     ended: bool,
+    keep_count: usize,
 }
 
 impl fmt::Debug for ScanReader {
@@ -185,7 +197,7 @@ impl ScanReader {
     /// If the file cannot be opened, is of no format read here, or its header is
     /// wrong: in particular if it declares more than the file can hold.
     pub fn open(path: &Path) -> Result<ScanReader, ScanError> {
-        Self::open_in(path, Room::UNBOUNDED, &mut |_| true)
+        Self::open_in(path, Room::UNBOUNDED, &mut |_| true, &[])
     }
 
     /// The same with as much memory as is allowed: reads the same, however little it is.
@@ -197,13 +209,14 @@ impl ScanReader {
     pub fn open_within(path: &Path, options: ReadOptions<'_>) -> Result<ScanReader, ScanError> {
         let room =
             Room { bytes: options.memory_bytes, scratch: Some(options.scratch.to_path_buf()) };
-        Self::open_in(path, room, options.progress)
+        Self::open_in(path, room, options.progress, options.keep)
     }
 
     fn open_in(
         path: &Path,
         room: Room,
         progress: &mut dyn FnMut(u64) -> bool,
+        keep: &[String],
     ) -> Result<ScanReader, ScanError> {
         let mut input = Input::open(path)?;
         let file_bytes = input.file_bytes();
@@ -211,7 +224,7 @@ impl ScanReader {
         let mut report = ScanReport::new(path.to_path_buf(), format, file_bytes);
         let opened = match format {
             ScanFormat::PlyAscii | ScanFormat::PlyLittleEndian | ScanFormat::PlyBigEndian => {
-                ply::open(input, &room, &mut report)?
+                ply::open(input, &room, keep, &mut report)?
             }
             ScanFormat::Obj => obj::open(input, &room, &mut report, progress)?,
             ScanFormat::StlAscii => stl::open_ascii(input),
@@ -230,10 +243,12 @@ impl ScanReader {
                 has_colours: opened.has_colours,
                 is_triangle_soup: opened.is_triangle_soup,
                 is_point_cloud: opened.is_point_cloud,
+                scalars: opened.scalars,
             },
             report,
             body: opened.body,
             ended: false,
+            keep_count: keep.len().min(KEEP_MAX),
         })
     }
 
@@ -258,10 +273,13 @@ impl ScanReader {
         if self.ended {
             return Ok(None);
         }
-        let batch = self.body.next_batch(&mut self.report);
-        match &batch {
+        let mut batch = self.body.next_batch(&mut self.report);
+        match &mut batch {
             Ok(Some(Batch::Vertices(batch))) => {
                 self.report.vertices += batch.positions.len() as u64;
+                // Formats without such properties know nothing of them.
+                let none = vec![f64::NAN; batch.positions.len()];
+                batch.scalars.resize(self.keep_count, none);
             }
             Ok(Some(Batch::Triangles(batch))) => {
                 self.report.triangles += batch.triangles.len() as u64;
@@ -303,6 +321,7 @@ struct Opened {
     has_colours: bool,
     is_triangle_soup: bool,
     is_point_cloud: bool,
+    scalars: Vec<String>,
     body: Box<dyn ReadBatches>,
 }
 

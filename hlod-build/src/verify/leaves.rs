@@ -182,11 +182,22 @@ pub(super) fn each_batch(
     progress: &dyn Progress,
     visit: &mut dyn FnMut(Batch),
 ) -> Result<(), BuildError> {
+    each_batch_keeping(path, &[], progress, visit)
+}
+
+/// The same with some properties of vertices.
+pub(super) fn each_batch_keeping(
+    path: &Path,
+    keep: &[String],
+    progress: &dyn Progress,
+    visit: &mut dyn FnMut(Batch),
+) -> Result<(), BuildError> {
     let scratch = std::env::temp_dir();
     let options = ReadOptions {
         memory_bytes: READER_BYTES,
         scratch: &scratch,
         progress: &mut |_| !progress.is_stopped(),
+        keep,
     };
     let mut reader = ScanReader::open_within(path, options)?;
     let mut done = 0;
@@ -346,6 +357,7 @@ mod tests {
             positions: triangles.concat(),
             normals: vec![OctNormal::default(); 3 * triangles.len()],
             colours: Vec::new(),
+            scalars: Vec::new(),
             triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
         }
     }

@@ -81,6 +81,7 @@ pub(crate) fn open(mut input: Input, report: &mut ScanReport) -> Result<Opened, 
         has_colours: parts().any(|part| part.colours.is_some()),
         is_triangle_soup: vertices > 0 && parts().all(is_soup),
         is_point_cloud: false,
+        scalars: Vec::new(),
         body: Box::new(GltfReader {
             has_normals: parts().any(|part| part.normals.is_some()),
             has_colours: parts().any(|part| part.colours.is_some()),

@@ -155,8 +155,12 @@ fn reads_the_same_in_any_room() {
         true
     };
     let folder = scratch.parent().expect("a folder");
-    let options =
-        hlod_scan::ReadOptions { memory_bytes: 0, scratch: folder, progress: &mut progress };
+    let options = hlod_scan::ReadOptions {
+        memory_bytes: 0,
+        scratch: folder,
+        progress: &mut progress,
+        keep: &[],
+    };
     let reader = hlod_scan::ScanReader::open_within(&path, options).expect("a valid file");
     let again = crate::read_all(reader).expect("a valid file");
     assert!(again.positions == whole.positions, "positions");
@@ -165,8 +169,12 @@ fn reads_the_same_in_any_room() {
     assert!(again.triangles == whole.triangles, "triangles");
     assert!(told.len() >= 2 && told.is_sorted(), "{told:?}");
     assert_eq!(std::fs::read_dir(folder).expect("a folder").count(), 1, "something was left");
-    let options =
-        hlod_scan::ReadOptions { memory_bytes: 0, scratch: folder, progress: &mut |_| false };
+    let options = hlod_scan::ReadOptions {
+        memory_bytes: 0,
+        scratch: folder,
+        progress: &mut |_| false,
+        keep: &[],
+    };
     let stopped = hlod_scan::ScanReader::open_within(&path, options);
     assert!(matches!(stopped, Err(ScanError::Stopped { .. })));
 
