@@ -2,7 +2,8 @@
 
 use crate::bytes::{ByteReader, ByteWriter};
 use crate::{
-    BlockRef, FormatError, Lattice, METADATA_BYTES_MAX, MetadataRef, Primitives, SignedAxis, Unit,
+    BlockRef, FormatError, Lattice, METADATA_BYTES_MAX, MetadataRef, Primitives, SCALARS_MAX,
+    ScalarRange, SignedAxis, Unit,
 };
 
 const MAGIC: [u8; 8] = *b"HLOD\r\n\x1a\n";
@@ -16,7 +17,7 @@ const MAGIC: [u8; 8] = *b"HLOD\r\n\x1a\n";
 /// | version | since then there are |
 /// |---|---|
 /// | 1 | triangles, points, normals, colours |
-/// | 2 | metadata |
+/// | 2 | metadata, kept scalars |
 pub const FORMAT_VERSION: u32 = 2;
 
 /// No header is longer; a first read of this size always holds all of it.
@@ -37,14 +38,25 @@ pub struct SourceFile {
 }
 
 /// How an attribute's values are stored.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
-#[repr(u8)]
 pub enum AttributeType {
     /// A unit vector, [`crate::OctNormal`].
-    OctNormal = 1,
+    OctNormal,
     /// Four bytes: sRGB and alpha; averaged in linear light.
-    Srgba8 = 2,
+    Srgba8,
+    /// A number or none, [`crate::Scalars`]: the first declared is the first of them.
+    Scalar(ScalarRange),
+}
+
+impl AttributeType {
+    fn write(&self, w: &mut ByteWriter) {
+        match self {
+            AttributeType::OctNormal => w.u8(1),
+            AttributeType::Srgba8 => w.u8(2),
+            AttributeType::Scalar(_) => w.u8(3),
+        }
+    }
 }
 
 /// What carries an attribute's values.
@@ -63,7 +75,7 @@ pub enum AttributeDomain {
 }
 
 /// An attribute that pages carry.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct AttributeDeclaration {
     /// Its name, as in `normal`, `colour`.
     pub name: String,
@@ -134,7 +146,15 @@ pub struct Header {
 impl Header {
     /// The version of a file with this header: the oldest that can say what is in it.
     pub fn format_version(&self) -> u32 {
-        if self.metadata.is_some() { 2 } else { 1 }
+        if self.metadata.is_some() || self.scalars().next().is_some() { 2 } else { 1 }
+    }
+
+    /// The kept scalars, by name, in the order of [`crate::Scalars`].
+    pub fn scalars(&self) -> impl Iterator<Item = (&str, &ScalarRange)> {
+        self.attributes.iter().filter_map(|attribute| match &attribute.kind {
+            AttributeType::Scalar(range) => Some((attribute.name.as_str(), range)),
+            _ => None,
+        })
     }
 
     pub(crate) fn to_bytes(&self) -> Vec<u8> {
@@ -167,8 +187,11 @@ impl Header {
         w.u16(self.attributes.len() as u16);
         for attribute in &self.attributes {
             w.string(&attribute.name);
-            w.u8(attribute.kind as u8);
+            attribute.kind.write(&mut w);
             w.u8(attribute.domain as u8);
+            if let AttributeType::Scalar(range) = &attribute.kind {
+                range.write(&mut w);
+            }
         }
         w.u16(self.sources.len() as u16);
         for source in &self.sources {
@@ -301,21 +324,11 @@ impl Header {
         }
         let mut attributes = Vec::new();
         for _ in 0..r.u16()? {
-            attributes.push(AttributeDeclaration {
-                name: r.string()?,
-                kind: match r.u8()? {
-                    1 => AttributeType::OctNormal,
-                    2 => AttributeType::Srgba8,
-                    _ => return Err(bad("unknown attribute type")),
-                },
-                domain: match r.u8()? {
-                    1 => AttributeDomain::Vertex,
-                    2 => AttributeDomain::Corner,
-                    3 => AttributeDomain::Primitive,
-                    4 => AttributeDomain::Point,
-                    _ => return Err(bad("unknown attribute domain")),
-                },
-            });
+            attributes.push(attribute(&mut r, version)?);
+        }
+        let is_scalar = |a: &&AttributeDeclaration| matches!(a.kind, AttributeType::Scalar(_));
+        if attributes.iter().filter(is_scalar).count() > SCALARS_MAX {
+            return Err(bad("more scalars than there can be"));
         }
         let mut sources = Vec::new();
         for _ in 0..r.u16()? {
@@ -359,6 +372,25 @@ impl Header {
     pub fn has_colours(&self) -> bool {
         self.attributes.iter().any(|a| a.kind == AttributeType::Srgba8)
     }
+}
+
+fn attribute(r: &mut ByteReader<'_>, version: u32) -> Result<AttributeDeclaration, FormatError> {
+    let bad = |why: &str| FormatError::malformed("header", why);
+    let (name, kind) = (r.string()?, r.u8()?);
+    let domain = match r.u8()? {
+        1 => AttributeDomain::Vertex,
+        2 => AttributeDomain::Corner,
+        3 => AttributeDomain::Primitive,
+        4 => AttributeDomain::Point,
+        _ => return Err(bad("unknown attribute domain")),
+    };
+    let kind = match kind {
+        1 => AttributeType::OctNormal,
+        2 => AttributeType::Srgba8,
+        3 if version >= 2 => AttributeType::Scalar(ScalarRange::read(r)?),
+        _ => return Err(bad("unknown attribute type")),
+    };
+    Ok(AttributeDeclaration { name, kind, domain })
 }
 
 /// Where metadata lie, if there are any.

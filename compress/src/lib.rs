@@ -27,6 +27,7 @@ mod octahedral;
 mod page;
 mod points;
 mod pread;
+mod scalars;
 mod skeleton;
 pub mod srgb;
 
@@ -49,6 +50,7 @@ pub use page::{
     encoded_counts,
 };
 pub use points::{PointPrefix, PointRadius, Points};
+pub use scalars::{SCALARS_MAX, ScalarRange, Scalars, code_between, mean_code};
 pub use skeleton::{
     BLOCK_BYTES_MAX, BlockRef, BoundStatus, Children, Errors, NodeFlags, NodeRecord, NormalCone,
     Representation, RepresentationKind, SkeletonBlock,

@@ -1,6 +1,6 @@
 //! The content of a page of triangles.
 
-use crate::OctNormal;
+use crate::{OctNormal, Scalars};
 
 /// Indexed triangles on the file's lattice; the content of one node's page.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -11,6 +11,8 @@ pub struct Mesh {
     pub normals: Vec<OctNormal>,
     /// sRGB and alpha, one a vertex, or empty where the model has no colour.
     pub colours: Vec<[u8; 4]>,
+    /// Kept scalars, one a vertex, or empty where none has a value.
+    pub scalars: Vec<Scalars>,
     /// Counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
 }
@@ -32,6 +34,9 @@ impl Mesh {
         }
         if self.has_colours() && self.colours.len() != vertex_count {
             return Err(format!("{} colours for {vertex_count} vertices", self.colours.len()));
+        }
+        if !self.scalars.is_empty() && self.scalars.len() != vertex_count {
+            return Err(format!("{} scalars for {vertex_count} vertices", self.scalars.len()));
         }
         if let Some(i) = self.normals.iter().position(|n| !n.is_valid()) {
             return Err(format!("normal {i} lies off the octahedron"));

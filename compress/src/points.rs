@@ -1,6 +1,6 @@
 //! Points that cover a surface: the content of pages where triangles would not pay.
 
-use crate::OctNormal;
+use crate::{OctNormal, Scalars};
 
 /// How far round a point the surface counts as covered by it: a quarter of an octave a step, from a
 /// quarter of a lattice step up.
@@ -51,6 +51,8 @@ pub struct Points {
     pub normals: Vec<OctNormal>,
     /// sRGB and alpha, or empty where the model has no colour.
     pub colours: Vec<[u8; 4]>,
+    /// Kept scalars, or empty where none has a value.
+    pub scalars: Vec<Scalars>,
     /// What each point covers: a ball round it.
     pub radii: Vec<PointRadius>,
     /// Prefixes that cover, shorter than all, in growing length: at smaller sizes on screen the
@@ -89,6 +91,9 @@ impl Points {
         }
         if self.has_colours() && self.colours.len() != count {
             return Err(format!("{} colours for {count} points", self.colours.len()));
+        }
+        if !self.scalars.is_empty() && self.scalars.len() != count {
+            return Err(format!("{} scalars for {count} points", self.scalars.len()));
         }
         if let Some(i) = self.normals.iter().position(|n| !n.is_valid()) {
             return Err(format!("normal {i} lies off the octahedron"));

@@ -113,6 +113,7 @@ mod tests {
                 normals: vec![OctNormal::default(); positions.len()],
                 positions,
                 colours: Vec::new(),
+                scalars: Vec::new(),
                 triangles: (0..n - 2).map(|i| [i, i + 1, i + 2]).collect(),
             };
             let cone = ConeBuilder::of_mesh(&mesh).finish();
@@ -132,6 +133,7 @@ mod tests {
             positions: vec![[0, 0, 0], [9, 0, 0], [0, 9, 0]],
             normals: vec![OctNormal::default(); 3],
             colours: Vec::new(),
+            scalars: Vec::new(),
             triangles: vec![[0, 1, 2], [0, 2, 1]],
         };
         assert_eq!(ConeBuilder::of_mesh(&mesh).finish(), NormalCone::ALL);

@@ -5,7 +5,7 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use hlod_compress::{
-    CellKey, HlodFile, Mesh, NodeRecord, PageContent, Representation, RepresentationKind,
+    CellKey, HlodFile, Mesh, NodeRecord, PageContent, Representation, RepresentationKind, Scalars,
     decode_page,
 };
 use serde::Serialize;
@@ -42,7 +42,7 @@ pub struct ExportReport {
 }
 
 /// Writes part of `path` to the PLY file `output`: binary, positions as `double` in source
-/// coordinates, normals, colours where there are any.
+/// coordinates, normals, colours where there are any, kept numbers as `double`, NaN where there is none.
 ///
 /// # Errors
 /// When the file is damaged, or the output exists (without `force`) or cannot be written.
@@ -66,8 +66,14 @@ pub fn export(
     for cell in &front {
         let Some(representation) = nodes[cell].representation(kind) else { continue };
         let page = file.read_page(representation.page).map_err(BuildError::format(path))?;
-        let PageContent { mesh: part, points } =
+        let PageContent { mesh: mut part, mut points } =
             decode_page(&page).map_err(BuildError::format(path))?;
+        if file.header().scalars().next().is_some() {
+            // Pages without any value say nothing of them.
+            part.scalars.resize(part.positions.len(), Scalars::default());
+            points.scalars.resize(points.positions.len(), Scalars::default());
+        }
+        mesh.scalars.extend(points.scalars);
         mesh.positions.extend(points.positions);
         mesh.normals.extend(points.normals);
         mesh.colours.extend(points.colours);
@@ -88,6 +94,11 @@ pub fn export(
         nodes: front.len() as u64,
         error_max,
     })
+}
+
+/// A name without what would end it in a PLY header: files come from anywhere.
+fn property_name(name: &str) -> String {
+    name.chars().map(|c| if c.is_whitespace() || c.is_control() { '_' } else { c }).collect()
 }
 
 /// The cells to export, in order.
@@ -169,6 +180,9 @@ fn write_ply(
                 writeln!(out, "property uchar {channel}")?;
             }
         }
+        for (name, _) in file.header().scalars() {
+            writeln!(out, "property double {}", property_name(name))?;
+        }
         if !mesh.triangles.is_empty() {
             writeln!(out, "element face {}", mesh.triangles.len())?;
             writeln!(out, "property list uchar int vertex_indices")?;
@@ -183,6 +197,10 @@ fn write_ply(
             }
             if let Some(colour) = mesh.colours.get(v) {
                 out.write_all(colour)?;
+            }
+            for (k, (_, range)) in file.header().scalars().enumerate() {
+                let code = mesh.scalars.get(v).map_or(0, |scalars| scalars.0[k]);
+                out.write_all(&range.value(code).unwrap_or(f64::NAN).to_le_bytes())?;
             }
         }
         for triangle in &mesh.triangles {

@@ -68,6 +68,8 @@ pub(crate) struct Setting<'a> {
     /// Where triangles become points.
     pub(crate) choice: Choice,
     pub(crate) has_colours: bool,
+    /// Whether vertices have numbers that are kept.
+    pub(crate) has_scalars: bool,
     /// Keeps nodes that are worked on at a time within memory.
     pub(crate) gate: &'a Gate,
     pub(crate) progress: &'a dyn Progress,

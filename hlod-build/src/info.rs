@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use hlod_compress::{BoundStatus, HlodFile, Metadata, NodeRecord, RepresentationKind};
+use hlod_compress::{BoundStatus, HlodFile, Metadata, NodeRecord, RepresentationKind, ScalarRange};
 use serde::Serialize;
 
 use crate::error::BuildError;
@@ -37,6 +37,8 @@ pub struct Info {
     pub point_cost: f32,
     /// Attributes of vertices.
     pub attributes: Vec<String>,
+    /// Numbers of the scan's vertices that were kept.
+    pub scalars: Vec<ScalarInfo>,
     /// What is known of the scan besides its shape, as it was given; null where nothing is.
     pub metadata: Option<serde_json::Value>,
     /// The same for people: names and values of the keys that are known.
@@ -69,6 +71,36 @@ pub struct Info {
     pub nodes_over_budget: u64,
     /// One a depth.
     pub levels: Vec<Level>,
+}
+
+/// A number of the scan's vertices that was kept.
+#[derive(Debug, Serialize)]
+pub struct ScalarInfo {
+    /// Its name in the scan.
+    pub name: String,
+    /// What it is in; empty where nobody said.
+    pub unit: String,
+    /// The least value; null where no vertex has any.
+    pub minimum: Option<f64>,
+    /// The largest.
+    pub maximum: Option<f64>,
+    /// How far values of leaves may be from the scan's: half of `step`.
+    pub precision: f64,
+    /// From one value that can be stored to the next.
+    pub step: f64,
+}
+
+impl ScalarInfo {
+    fn of((name, range): (&str, &ScalarRange)) -> ScalarInfo {
+        ScalarInfo {
+            name: name.to_owned(),
+            unit: range.unit.clone(),
+            minimum: range.value(1.min(range.codes)),
+            maximum: range.value(range.codes),
+            precision: range.step / 2.0,
+            step: range.step,
+        }
+    }
 }
 
 /// An input file.
@@ -154,6 +186,7 @@ pub fn info(path: &Path) -> Result<Info, BuildError> {
         representation: header.primitives.name(),
         point_cost: header.point_cost,
         attributes: header.attributes.iter().map(|a| a.name.clone()).collect(),
+        scalars: header.scalars().map(ScalarInfo::of).collect(),
         metadata: metadata.as_ref().map(Metadata::value),
         about: metadata.as_ref().map(Metadata::lines).unwrap_or_default(),
         sources: header

@@ -7,7 +7,7 @@
 
 use std::collections::HashMap;
 
-use hlod_compress::{CellKey, Lattice, Mesh, OctNormal};
+use hlod_compress::{CellKey, Lattice, Mesh, OctNormal, Scalars, code_between};
 use rayon::prelude::*;
 
 use crate::colour::mix_srgba;
@@ -174,6 +174,7 @@ pub(crate) struct Vertex {
     pub(crate) position: [i32; 3],
     pub(crate) normal: OctNormal,
     pub(crate) colour: Option<[u8; 4]>,
+    pub(crate) scalars: Option<Scalars>,
 }
 
 impl Vertex {
@@ -183,6 +184,7 @@ impl Vertex {
             position: mesh.positions[v],
             normal: mesh.normals[v],
             colour: mesh.colours.get(v).copied(),
+            scalars: mesh.scalars.get(v).copied(),
         }
     }
 
@@ -190,6 +192,7 @@ impl Vertex {
         mesh.positions.push(self.position);
         mesh.normals.push(self.normal);
         mesh.colours.extend(self.colour);
+        mesh.scalars.extend(self.scalars);
         mesh.positions.len() as u32 - 1
     }
 }
@@ -203,10 +206,14 @@ fn cut_point(a: Vertex, b: Vertex, axis: usize, plane: i32) -> Vertex {
         std::array::from_fn(|i| (f64::from(a.position[i]) + t * along(i)).round() as i32);
     position[axis] = plane;
     let (from, to) = (a.normal.decode(), b.normal.decode());
+    let scalars = a
+        .scalars
+        .zip(b.scalars)
+        .map(|(a, b)| Scalars(std::array::from_fn(|k| code_between(a.0[k], b.0[k], t))));
     let t = t as f32;
     let normal = OctNormal::encode(std::array::from_fn(|i| from[i] + t * (to[i] - from[i])));
     let colour = a.colour.zip(b.colour).map(|(a, b)| mix_srgba(a, b, t));
-    Vertex { position, normal, colour }
+    Vertex { position, normal, colour, scalars }
 }
 
 #[cfg(test)]
@@ -314,8 +321,8 @@ mod tests {
             let mesh = Mesh {
                 positions: corners.to_vec(),
                 normals: vec![OctNormal::default(); 3],
-                colours: Vec::new(),
                 triangles: vec![[0, 1, 2]],
+                ..Mesh::default()
             };
             let (low, high) = cut(&mesh, axis, plane);
             prop_assert!(low.positions.iter().all(|p| p[axis] <= plane));
@@ -343,6 +350,7 @@ mod tests {
             let vertex = |p: [i32; 3]| Vertex {
                 position: p,
                 normal: OctNormal::encode(p.map(|c| c as f32 - 5e5)),
+                scalars: Some(Scalars([p[1] as u16, (p[2] % 3) as u16, 0, 9])),
                 colour: Some(p.map(|c| c as u8).map(|c| c ^ 3).into_iter().chain([255]).collect::<Vec<_>>().try_into().unwrap()),
             };
             prop_assume!(a[0] != b[0]);

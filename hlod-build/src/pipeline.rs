@@ -16,6 +16,7 @@ use crate::error::BuildError;
 use crate::gate::Gate;
 use crate::hierarchy::Setting;
 use crate::ingest::Precision;
+use crate::kept::{self, KeptScalar};
 use crate::memory::{Memory, SUBTREES_AT_A_TIME};
 use crate::oddities::Oddities;
 use crate::output::check_output;
@@ -56,6 +57,8 @@ pub struct BuildOptions {
     pub up: SignedAxis,
     /// Which way the statue faces.
     pub front: SignedAxis,
+    /// Numbers of the scan's vertices that are kept, [`hlod_compress::SCALARS_MAX`] at most.
+    pub keep: Vec<KeptScalar>,
     /// What is known of the scan besides its shape.
     pub metadata: Option<Metadata>,
     /// Whether an existing output is replaced.
@@ -83,6 +86,7 @@ impl Default for BuildOptions {
             unit: hlod_compress::Unit::Unknown,
             up: SignedAxis::PLUS_Y,
             front: SignedAxis::PLUS_Z,
+            keep: Vec::new(),
             metadata: None,
             force: false,
             memory_bytes: 4 << 30,
@@ -189,6 +193,7 @@ fn begin(
     let meshes = scans.iter().map(|scan| &scan.path);
     let read: Vec<PathBuf> = inputs.iter().chain(meshes).cloned().collect();
     check_output(&read, output, options.force)?;
+    kept::check(&options.keep)?;
     let memory = Memory::share(options.memory_bytes, options.leaf_triangles, output)?;
     let folder = open_folder(&work_folder_of(output, options), &scans, options, progress)?;
     Ok((folder, memory, scans))
@@ -225,12 +230,14 @@ fn divide(
     meter: &mut Meter,
     progress: &dyn Progress,
 ) -> Result<Divided, BuildError> {
-    let account = ingest(folder, scans, options.colour, memory.join_bytes, progress)?;
+    let wanted = (options.colour, options.keep.as_slice());
+    let account = ingest(folder, scans, wanted, memory.join_bytes, progress)?;
     meter.finish_stage("read");
 
     let (precision, full) = (options.precision, memory.subtree_triangles);
     let survey = survey(folder, &account, precision, full, memory.join_bytes, progress)?;
-    folder.discard(&[ingest::VERTICES])?;
+    let kept: &[&str] = if options.keep.is_empty() { &[] } else { &[ingest::SCALARS] };
+    folder.discard(&[&[ingest::VERTICES], kept].concat())?;
     meter.finish_stage("survey");
 
     let subtrees = scatter(folder, &survey, &account, full, memory.join_bytes, progress)?;
@@ -261,6 +268,7 @@ fn run_steps(
         is_cloud: account.is_cloud,
         choice: Choice { primitives: options.primitives, point_cost: options.point_cost.into() },
         has_colours: account.has_colours,
+        has_scalars: !account.scalars.is_empty(),
         gate: &gate,
         progress,
     };
@@ -274,7 +282,7 @@ fn run_steps(
     build_upper_levels(folder, &plan, &setting)?;
     meter.finish_stage("upper levels");
 
-    let header = header(options, &account, &survey);
+    let header = header(options, &account, &survey)?;
     let about = (header, options.metadata.as_ref());
     let (header, oddities) = assemble(folder, &plan.parts(), about, output, progress)?;
     meter.finish_stage("write");
@@ -360,6 +368,7 @@ fn open_folder(
             normal_noise: options.normal_noise,
             primitives: options.primitives.name().into(),
             point_cost: options.point_cost,
+            keep: options.keep.clone(),
         },
         inputs: scans.iter().map(InputStamp::of).collect::<Result<_, _>>()?,
     };
@@ -408,14 +417,21 @@ fn triangles_read(report: &ScanReport) -> u64 {
     report.triangles + report.degenerate_faces
 }
 
-fn header(options: &BuildOptions, account: &Account, survey: &Survey) -> Header {
+fn header(
+    options: &BuildOptions,
+    account: &Account,
+    survey: &Survey,
+) -> Result<Header, BuildError> {
     let domain = if account.is_cloud { AttributeDomain::Point } else { AttributeDomain::Vertex };
     let attribute = |name: &str, kind| AttributeDeclaration { name: name.into(), kind, domain };
     let mut attributes = vec![attribute("normal", AttributeType::OctNormal)];
     if account.has_colours {
         attributes.push(attribute("colour", AttributeType::Srgba8));
     }
-    Header {
+    for (scalar, range) in account.scalars.iter().zip(account.ranges()?) {
+        attributes.push(attribute(&scalar.kept.name, AttributeType::Scalar(range)));
+    }
+    Ok(Header {
         unit: options.unit,
         up: options.up,
         front: options.front,
@@ -437,5 +453,5 @@ fn header(options: &BuildOptions, account: &Account, survey: &Survey) -> Header 
         front_bytes: 0,
         metadata: None,
         file_bytes: 0,
-    }
+    })
 }

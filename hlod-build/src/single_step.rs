@@ -104,6 +104,7 @@ pub fn run_step(
             point_cost: options.point_cost.into(),
         },
         has_colours: account.has_colours,
+        has_scalars: !account.scalars.is_empty(),
         gate: &gate,
         progress,
     };

@@ -65,7 +65,7 @@ mod tests {
             vec![[0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0], [0, 0, 0], [4, -9, 0], [4, 0, 9]];
         let triangles = vec![[0, 1, 2], [4, 2, 3], [1, 0, 5], [1, 4, 6]];
         let normals = vec![OctNormal::encode([0.0, 0.0, 1.0]); 7];
-        let mesh = Mesh { positions, normals, colours: Vec::new(), triangles };
+        let mesh = Mesh { positions, normals, triangles, ..Mesh::default() };
         const NO: u32 = NO_VERTEX;
         let expected = [NO, NO, 3, 1, NO, NO, NO, NO, NO, NO, NO, NO];
         assert_eq!(across(&mesh), expected);

@@ -147,7 +147,7 @@ mod tests {
         let positions = vec![[0, 0, 5], [units, 0, 5], [units, 9, 5], [0, 9, 5]];
         let normals = vec![OctNormal::encode([0.0, 0.0, 1.0]); 4];
         let triangles = vec![[0, 1, 2], [0, 2, 3]];
-        let mesh = Mesh { positions, normals, colours: Vec::new(), triangles };
+        let mesh = Mesh { positions, normals, triangles, ..Mesh::default() };
         assert!(skirts(&mesh, cell, &lattice, 2.0 * f64::from(units)).is_empty(), "too small");
         let indices = skirts(&mesh, cell, &lattice, 1.0);
         let moved = |v: u32, axis: u32| v | MOVED | axis << AXIS_SHIFT;

@@ -13,6 +13,7 @@ use hlod_render::scene::Representation;
 use hlod_render::{Model, ModelLimits, framing::Framing};
 use hlod_tests::{built, bumpy_ball, gpu, workspace};
 
+use crate::kept::{keep, with_numbers};
 use crate::pictures::shot;
 use crate::points::ball_cloud;
 
@@ -38,6 +39,9 @@ fn contents(path: &Path) -> String {
                 normal.0.iter().for_each(|c| hash.update(&c.to_le_bytes()));
             }
             mesh.colours.iter().chain(&points.colours).for_each(|c| hash.update(c));
+            for code in mesh.scalars.iter().chain(&points.scalars).flat_map(|s| s.0) {
+                hash.update(&code.to_le_bytes());
+            }
             for corner in mesh.triangles.as_flattened() {
                 hash.update(&corner.to_le_bytes());
             }
@@ -53,6 +57,10 @@ fn contents(path: &Path) -> String {
                 hash.finalize()
             );
         }
+    }
+    for (name, range) in file.header().scalars() {
+        let (low, high, unit) = (range.minimum, range.maximum(), &range.unit);
+        out += &format!("scalar {name} {low} {high} {} {unit}\n", range.step);
     }
     if let Some(metadata) = file.read_metadata().unwrap() {
         let hash = crc32fast::hash(metadata.text().as_bytes());
@@ -80,11 +88,11 @@ fn write_golden(folder: &Path) {
     std::fs::create_dir_all(folder).unwrap();
     let scratch = tempfile::tempdir().unwrap();
     let mesh = scratch.path().join("ball.ply");
-    std::fs::write(&mesh, coloured(&bumpy_ball(36))).unwrap();
+    std::fs::write(&mesh, with_numbers(&coloured(&bumpy_ball(36)))).unwrap();
     let fine = scratch.path().join("fine.ply");
-    std::fs::write(&fine, coloured(&bumpy_ball(64))).unwrap();
+    std::fs::write(&fine, with_numbers(&coloured(&bumpy_ball(64)))).unwrap();
     let cloud = scratch.path().join("cloud.ply");
-    std::fs::write(&cloud, ball_cloud(2_000)).unwrap();
+    std::fs::write(&cloud, with_numbers(&ball_cloud(2_000))).unwrap();
     for (name, scan, primitives) in [
         ("triangles", &mesh, Primitives::Triangles),
         ("hybrid", &fine, Primitives::Hybrid),
@@ -97,6 +105,7 @@ fn write_golden(folder: &Path) {
             o.resolution = if primitives == Primitives::Hybrid { 16 } else { 64 };
             o.primitives = primitives;
             o.point_cost = 0.01;
+            o.keep = keep(&["height=mm", "label"]);
             o.metadata = Some(Metadata::parse(METADATA_EXAMPLE.as_bytes()).unwrap());
         });
         assert_eq!(HlodFile::open(&path).unwrap().header().format_version(), FORMAT_VERSION);

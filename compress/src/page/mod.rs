@@ -5,9 +5,11 @@
 //!
 //! ```text
 //! tag u8 · flags u8 · grid shift u8 · shift of positions u8 · shift of normals u8 · expectation u8 ·
-//! vertices u32 · triangles u32 · lowest corner 3×i32 · extent 3×u32 · bytes of symbols u32 ·
-//! symbols · plain bits
+//! vertices u32 · triangles u32 · lowest corner 3×i32 · extent 3×u32 · shift u8 for each scalar ·
+//! bytes of symbols u32 · symbols · plain bits
 //! ```
+//!
+//! Bit 0 of the flags says that there are colours, bits 1 to 3 how many scalars there are.
 //!
 //! Positions lie on the page's own grid, multiples of 2^shift lattice steps from the lowest corner.
 //! Everything is predicted from what was coded before ([`walk`], [`normals`]); what is left is
@@ -17,12 +19,13 @@
 mod cut_border;
 mod normals;
 mod points;
+mod scalars;
 mod values;
 mod walk;
 
 use crate::bytes::{ByteReader, ByteWriter};
 use crate::entropy::{Decoder, Encoder, SYMBOLS_A_BYTE};
-use crate::{FormatError, Mesh, OctNormal, Points};
+use crate::{FormatError, Mesh, OctNormal, Points, SCALARS_MAX};
 use normals::{Expectation, best_expectation, code_normals};
 use points::{decode_points, encode_points, encoded_point_count};
 use values::shift_for;
@@ -32,6 +35,8 @@ const TAG_TRIANGLES: u8 = 2;
 const TAG_POINTS: u8 = 3;
 const TAG_BOTH: u8 = 4;
 const FLAG_COLOURS: u8 = 1;
+/// Where in the flags the number of scalars begins.
+const SCALARS_BIT: u32 = 1;
 
 /// Nothing larger is written or decoded.
 const VERTICES_MAX: u32 = 1 << 22;
@@ -46,6 +51,28 @@ pub struct PageAccount {
     pub shape: f64,
     /// Normals.
     pub normals: f64,
+    /// Kept scalars.
+    pub scalars: f64,
+}
+
+/// Whether there are colours, and how many scalars.
+fn flags(has_colours: bool, scalars: usize) -> u8 {
+    (if has_colours { FLAG_COLOURS } else { 0 }) | (scalars as u8) << SCALARS_BIT
+}
+
+/// The inverse of [`flags`]; `None` where they cannot be right.
+fn of_flags(flags: u8) -> Option<(bool, usize)> {
+    let scalars = usize::from(flags >> SCALARS_BIT);
+    (scalars <= SCALARS_MAX).then_some((flags & FLAG_COLOURS != 0, scalars))
+}
+
+/// Shifts of scalars' residuals.
+fn read_shifts(r: &mut ByteReader<'_>, count: usize) -> Result<Vec<u8>, FormatError> {
+    let shifts = r.take(count)?.to_vec();
+    match shifts.iter().find(|&&shift| u32::from(shift) > SHIFT_MAX) {
+        None => Ok(shifts),
+        Some(shift) => Err(FormatError::malformed("page", format!("a shift of {shift}"))),
+    }
 }
 
 /// What a node is drawn with.
@@ -219,12 +246,21 @@ pub fn encode_mesh_with_account(
     let (expectation, mean) = best_expectation(&walked, &truth);
     let normal_shift = shift_for(mean);
     code_normals(&mut coder, &walked, normal_shift, expectation, Some(&truth));
-    let normals = (coder.cost_bits() - shape) / 8.0;
+    let before = coder.cost_bits();
+    let normals = (before - shape) / 8.0;
+    let mut shifts = Vec::new();
+    for k in 0..scalars::columns(&mesh.scalars) {
+        let truth = scalars::column(&mesh.scalars, &walked.sources, k);
+        let shift = scalars::best_shift(&truth, &walked);
+        shifts.push(shift);
+        scalars::code_scalar(&mut coder, &walked, (truth.len(), shift), Some(&truth));
+    }
+    let scalars = (coder.cost_bits() - before) / 8.0;
     let (symbols, bits) = coder.finish();
 
     let mut w = ByteWriter::default();
     w.u8(TAG_TRIANGLES);
-    w.u8(if mesh.has_colours() { FLAG_COLOURS } else { 0 });
+    w.u8(flags(mesh.has_colours(), shifts.len()));
     w.u8(grid_shift);
     w.u8(declared.shift as u8);
     w.u8(normal_shift as u8);
@@ -233,10 +269,11 @@ pub fn encode_mesh_with_account(
     w.u32(mesh.triangles.len() as u32);
     w.vec3_i32(lowest);
     extent.iter().for_each(|&c| w.u32(c));
+    w.put(&shifts);
     w.u32(symbols.len() as u32);
     w.put(&symbols);
     w.put(&bits);
-    let account = PageAccount { shape: w.bytes.len() as f64 - normals, normals };
+    let account = PageAccount { shape: w.bytes.len() as f64 - normals - scalars, normals, scalars };
     Ok((w.bytes, account))
 }
 
@@ -271,14 +308,14 @@ fn decode_mesh(page: &[u8]) -> Result<Mesh, FormatError> {
     let (vertices, triangles) = mesh_counts(page)?;
     let mut r = ByteReader::new("page", page);
     r.u8()?;
-    let flags = r.u8()?;
+    let (has_colours, scalar_count) =
+        of_flags(r.u8()?).ok_or_else(|| bad("unknown flags".into()))?;
     let [grid_shift, shift, normal_shift, expectation] = [r.u8()?, r.u8()?, r.u8()?, r.u8()?];
     r.take(8)?;
     let lowest = r.vec3_i32()?;
     let extent = [r.u32()?, r.u32()?, r.u32()?];
     if vertices > VERTICES_MAX
         || triangles > TRIANGLES_MAX
-        || flags & !FLAG_COLOURS != 0
         || grid_shift > 30
         || u32::from(shift.max(normal_shift)) > SHIFT_MAX
         || extent.iter().any(|&c| c > EXTENT_MAX)
@@ -289,6 +326,7 @@ fn decode_mesh(page: &[u8]) -> Result<Mesh, FormatError> {
     }
     let expectation = Expectation::of_byte(expectation)
         .ok_or_else(|| bad("normals expected in an unknown way".into()))?;
+    let shifts = read_shifts(&mut r, scalar_count)?;
     let symbols = r.u32()? as usize;
     let symbols = r.take(symbols)?;
     let bits = r.take(r.remaining())?;
@@ -302,12 +340,18 @@ fn decode_mesh(page: &[u8]) -> Result<Mesh, FormatError> {
         vertices: vertices as usize,
         triangles: triangles as usize,
         extent: extent.map(|c| c as i32),
-        has_colours: flags & FLAG_COLOURS != 0,
+        has_colours,
         shift: shift.into(),
     };
     let mut coder = Decoder::new(symbols, bits)?;
     let walked = walk(&mut coder, declared, None)?;
     let normals = code_normals(&mut coder, &walked, normal_shift.into(), expectation, None);
+    let mut scalars = Vec::new();
+    for (k, shift) in shifts.into_iter().enumerate() {
+        let count = walked.positions.len();
+        let codes = scalars::code_scalar(&mut coder, &walked, (count, shift), None);
+        scalars::add_column(&mut scalars, k, &codes);
+    }
     coder.finish()?;
 
     let Walked { positions, colours, triangles, .. } = walked;
@@ -321,7 +365,7 @@ fn decode_mesh(page: &[u8]) -> Result<Mesh, FormatError> {
         }
         out.push(position);
     }
-    let mesh = Mesh { positions: out, normals, colours, triangles };
+    let mesh = Mesh { positions: out, normals, colours, scalars, triangles };
     mesh.validate().map_err(bad)?;
     Ok(mesh)
 }

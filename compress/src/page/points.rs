@@ -8,15 +8,16 @@
 //!
 //! ```text
 //! tag u8 · flags u8 · grid shift u8 · prefixes u8 · points u32 · lowest corner 3×i32 · extent 3×u32 ·
-//! count u32 for each prefix · bytes of symbols u32 · symbols · plain bits
+//! count u32 for each prefix · shift u8 for each scalar · bytes of symbols u32 · symbols · plain bits
 //! ```
 
 use super::normals::{code_normal, on_octahedron};
+use super::scalars::{self, Expect};
 use super::values::Signed;
-use super::{EXTENT_MAX, FLAG_COLOURS, TAG_POINTS, too_large};
+use super::{EXTENT_MAX, TAG_POINTS, flags, of_flags, read_shifts, too_large};
 use crate::bytes::{ByteReader, ByteWriter};
 use crate::entropy::{Coder, Decoder, Encoder, Model, SYMBOLS_A_BYTE};
-use crate::{FormatError, PointPrefix, PointRadius, Points};
+use crate::{FormatError, PointPrefix, PointRadius, Points, mean_code};
 
 /// Nothing larger is written or decoded.
 const POINTS_MAX: u32 = 1 << 22;
@@ -50,12 +51,20 @@ pub(crate) fn encode_points(points: &Points, grid_shift: u8) -> Result<Vec<u8>, 
         extent,
         has_colours: points.has_colours(),
     };
-    code(&mut coder, &declared, Some(Truth { points, positions: &positions, order: &mut order }))?;
+    let truth = Truth { points, positions: &positions, order: &mut order };
+    let coded = code(&mut coder, &declared, Some(truth))?;
+    let mut shifts = Vec::new();
+    for k in 0..scalars::columns(&points.scalars) {
+        let truth = scalars::column(&points.scalars, &order, k);
+        let shift = scalars::best_shift(&truth, &coded);
+        shifts.push(shift);
+        scalars::code_scalar(&mut coder, &coded, (truth.len(), shift), Some(&truth));
+    }
     let (symbols, bits) = coder.finish();
 
     let mut w = ByteWriter::default();
     w.u8(TAG_POINTS);
-    w.u8(if points.has_colours() { FLAG_COLOURS } else { 0 });
+    w.u8(flags(points.has_colours(), shifts.len()));
     w.u8(grid_shift);
     w.u8(points.prefixes.len() as u8);
     w.u32(points.len() as u32);
@@ -64,6 +73,7 @@ pub(crate) fn encode_points(points: &Points, grid_shift: u8) -> Result<Vec<u8>, 
     for prefix in &points.prefixes {
         w.u32(prefix.radii.len() as u32);
     }
+    w.put(&shifts);
     w.u32(symbols.len() as u32);
     w.put(&symbols);
     w.put(&bits);
@@ -89,8 +99,8 @@ pub(crate) fn decode_points(page: &[u8]) -> Result<Points, FormatError> {
     let count = r.u32()?;
     let lowest = r.vec3_i32()?;
     let extent = [r.u32()?, r.u32()?, r.u32()?];
+    let (has_colours, scalar_count) = of_flags(flags).ok_or_else(|| bad("unknown flags".into()))?;
     if tag != TAG_POINTS
-        || flags & !FLAG_COLOURS != 0
         || grid_shift > 30
         || usize::from(prefix_count) > Points::PREFIXES_MAX
         || count > POINTS_MAX
@@ -106,6 +116,7 @@ pub(crate) fn decode_points(page: &[u8]) -> Result<Points, FormatError> {
     if ends[0] == 0 && prefix_count > 0 || ends.windows(2).any(|pair| pair[1] <= pair[0]) {
         return Err(bad("its prefixes do not grow".into()));
     }
+    let shifts = read_shifts(&mut r, scalar_count)?;
     let symbols = r.u32()? as usize;
     let symbols = r.take(symbols)?;
     let bits = r.take(r.remaining())?;
@@ -114,10 +125,13 @@ pub(crate) fn decode_points(page: &[u8]) -> Result<Points, FormatError> {
         return Err(bad(format!("{count} points in {} bytes of symbols", symbols.len())));
     }
 
-    let has_colours = flags & FLAG_COLOURS != 0;
     let declared = Declared { ends, extent, has_colours };
     let mut coder = Decoder::new(symbols, bits)?;
     let mut points = code(&mut coder, &declared, None)?;
+    for (k, shift) in shifts.into_iter().enumerate() {
+        let codes = scalars::code_scalar(&mut coder, &points, (points.len(), shift), None);
+        scalars::add_column(&mut points.scalars, k, &codes);
+    }
     coder.finish()?;
     for position in &mut points.positions {
         for axis in 0..3 {
@@ -128,6 +142,20 @@ pub(crate) fn decode_points(page: &[u8]) -> Result<Points, FormatError> {
     }
     points.validate().map_err(bad)?;
     Ok(points)
+}
+
+/// Points on the page's grid: the mean over the last few, the nearer the more.
+impl Expect for Points {
+    fn expect(&self, before: &[u16], at: usize) -> u16 {
+        let here = self.positions[at];
+        let last = at.saturating_sub(NEIGHBOURS)..at;
+        mean_code(last.map(|k| {
+            let there = self.positions[k];
+            let along = |i: usize| f64::from(here[i]) - f64::from(there[i]);
+            let squared = along(0) * along(0) + along(1) * along(1) + along(2) * along(2);
+            (before[k], 1.0 / (squared + 1.0))
+        }))
+    }
 }
 
 /// Where the parts of the progressive order end.
@@ -390,10 +418,10 @@ impl Expected {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::OctNormal;
+    use crate::{OctNormal, Scalars};
     use proptest::prelude::*;
 
-    type Point = ([i32; 3], OctNormal, [u8; 4], (PointRadius, Vec<PointRadius>));
+    type Point = ([i32; 3], OctNormal, ([u8; 4], Scalars), (PointRadius, Vec<PointRadius>));
 
     /// What must survive: each part of the order, whatever its own.
     fn canonical(points: &Points) -> Vec<Vec<Point>> {
@@ -401,7 +429,10 @@ mod tests {
         ends(points.len(), &points.prefixes)
             .into_iter()
             .map(|end| {
-                let colour = |p: usize| points.colours.get(p).copied().unwrap_or_default();
+                let colour = |p: usize| {
+                    let scalars = points.scalars.get(p).copied().unwrap_or_default();
+                    (points.colours.get(p).copied().unwrap_or_default(), scalars)
+                };
                 let of_prefixes = |p: usize| {
                     points
                         .prefixes
@@ -444,6 +475,7 @@ mod tests {
                 points.radii.push(PointRadius(20 + (x % 3) as u8));
                 if has_colours {
                     points.colours.push([x as u8, (x + y) as u8, 200, 255]);
+                    points.scalars.push(Scalars([7, (99 * x) as u16, u16::from(y < 3), 0]));
                 }
             }
         }
@@ -473,8 +505,8 @@ mod tests {
     fn regular_points_cost_little() {
         let points = bowl(100, 0, true);
         let page = assert_survives(&points, 0);
-        // 12 + 4 + 4 + 1 bytes a point as they are.
-        assert!(page.len() < points.len() * 21 / 6, "{} B", page.len());
+        // 12 + 4 + 4 + 1 + 6 bytes a point as they are.
+        assert!(page.len() < points.len() * 27 / 6, "{} B", page.len());
     }
 
     #[test]
@@ -482,8 +514,9 @@ mod tests {
         let mut points = bowl(5, 0, true);
         points.prefixes = vec![prefix(7)];
         type Change = fn(&mut Points);
-        let changes: [Change; 6] = [
+        let changes: [Change; 7] = [
             |p| p.prefixes[0].radii[2].0 += 1,
+            |p| p.scalars[3].0[1] += 1,
             |p| p.positions[3][0] += 1,
             |p| p.normals[3] = OctNormal::encode([1.0, 0.0, 0.0]),
             |p| p.colours[3][1] ^= 1,
@@ -516,6 +549,8 @@ mod tests {
                 all.radii.push(PointRadius(radius));
                 if has_colours {
                     all.colours.push(colour);
+                    let number = |a: usize| u16::from(colour[a]) << 8 | u16::from(colour[a + 1]);
+                    all.scalars.push(Scalars([number(0), number(1), 0, number(2) >> 12]));
                 }
             }
             let count = all.len();

@@ -1,15 +1,17 @@
 use super::*;
-use crate::{PointPrefix, PointRadius};
+use crate::{PointPrefix, PointRadius, Scalars};
 use proptest::prelude::*;
 
-type Corner = ([i32; 3], OctNormal, [u8; 4]);
+type Corner = ([i32; 3], OctNormal, [u8; 4], Scalars);
 
 /// Geometry as a sorted list of triangles with their corners' values, rotated to a canonical
 /// first corner: what must survive coding whatever the order.
 fn canonical(mesh: &Mesh) -> Vec<[Corner; 3]> {
     let corner = |v: u32| {
         let v = v as usize;
-        (mesh.positions[v], mesh.normals[v], mesh.colours.get(v).copied().unwrap_or_default())
+        let colour = mesh.colours.get(v).copied().unwrap_or_default();
+        let scalars = mesh.scalars.get(v).copied().unwrap_or_default();
+        (mesh.positions[v], mesh.normals[v], colour, scalars)
     };
     let mut out: Vec<_> = mesh
         .triangles
@@ -32,6 +34,8 @@ fn grid_mesh(n: i32, shift: u8, colours: bool) -> Mesh {
             mesh.normals.push(OctNormal::encode([x as f32, y as f32, 1.0]));
             if colours {
                 mesh.colours.push([x as u8, y as u8, 7, 255]);
+                let code = 1 + (500 * x + 31 * y) as u16;
+                mesh.scalars.push(Scalars([code, 0, 1 + (x * y % 50) as u16, u16::from(x > 3)]));
             }
         }
     }
@@ -58,8 +62,9 @@ fn meshes_survive_coding() {
 /// Vertices' values, sorted: those that no triangle uses must survive as well.
 fn vertices(mesh: &Mesh) -> Vec<Corner> {
     let colour = |v: usize| mesh.colours.get(v).copied().unwrap_or_default();
+    let scalars = |v: usize| mesh.scalars.get(v).copied().unwrap_or_default();
     let mut out: Vec<Corner> = (0..mesh.positions.len())
-        .map(|v| (mesh.positions[v], mesh.normals[v], colour(v)))
+        .map(|v| (mesh.positions[v], mesh.normals[v], colour(v), scalars(v)))
         .collect();
     out.sort();
     out
@@ -78,8 +83,9 @@ fn assert_survives(mesh: &Mesh, shift: u8) {
 fn the_comparison_sees_every_difference() {
     let mesh = grid_mesh(4, 0, true);
     type Change = fn(&mut Mesh);
-    let changes: [Change; 5] = [
+    let changes: [Change; 6] = [
         |m| m.positions[5][1] += 1,
+        |m| m.scalars[5].0[2] += 1,
         |m| m.normals[5] = OctNormal::encode([0.0, 1.0, 0.0]),
         |m| m.colours[5][2] ^= 1,
         |m| m.triangles[3].swap(0, 1),
@@ -135,6 +141,7 @@ fn odd_meshes_survive_coding() {
         positions: (0..8).map(|i| [i & 1, i >> 1 & 1, i >> 2].map(|c| 10 * c)).collect(),
         normals: vec![OctNormal::encode([1.0, 2.0, -3.0]); 8],
         colours: Vec::new(),
+        scalars: Vec::new(),
         triangles: triangles.to_vec(),
     };
     for triangles in [
@@ -168,6 +175,7 @@ fn vertices_as_points(mesh: &Mesh) -> Points {
         positions: mesh.positions.clone(),
         normals: mesh.normals.clone(),
         colours: mesh.colours.clone(),
+        scalars: mesh.scalars.clone(),
         radii: radii(30),
         prefixes: vec![PointPrefix { radii: vec![PointRadius(50); count / 3] }],
     }
@@ -292,9 +300,11 @@ proptest! {
     ) {
         let normals = positions.iter().map(|p| OctNormal::encode(p.map(|c| c as f32 - 4.0)));
         let colours = positions.iter().map(|p| [p[0] as u8, 255 - p[1] as u8, p[2] as u8, 9]);
+        let scalars = positions.iter().map(|p| Scalars([p[0] as u16, 65_535 - p[1] as u16, 0, (p[2] as u16) << 12]));
         let mesh = Mesh {
             normals: normals.collect(),
             colours: if coloured { colours.collect() } else { Vec::new() },
+            scalars: if coloured { scalars.collect() } else { Vec::new() },
             positions: positions.clone(),
             triangles,
         };

@@ -54,6 +54,9 @@ use input::Input;
 use paged::Room;
 use transform::Mover;
 
+/// Most properties that can be kept besides shape, normals and colours.
+pub const KEEP_MAX: usize = 4;
+
 /// Most vertices or triangles of one batch.
 pub const BATCH_ITEMS_MAX: usize = 64 * 1024;
 
@@ -76,6 +79,9 @@ pub struct VertexBatch {
     pub normals: Vec<Vec3>,
     /// Red, green, blue in sRGB, then alpha. Empty if the file has no colours.
     pub colours: Vec<[u8; 4]>,
+    /// For each property in [`ReadOptions::keep`] its numbers; NaN where the file has none, or not a
+    /// finite one.
+    pub scalars: Vec<Vec<f64>>,
 }
 
 /// At most [`BATCH_ITEMS_MAX`] triangles.
@@ -149,6 +155,8 @@ pub struct ScanHeader {
     /// Whether the file holds points without triangles, and says so: then there are no triangle
     /// batches.
     pub is_point_cloud: bool,
+    /// Names of the numbers that vertices have besides shape, normals and colours, in file order.
+    pub scalars: Vec<String>,
 }
 
 /// How a scan is read.
@@ -164,6 +172,9 @@ pub struct ReadOptions<'a> {
     /// Called now and then while the file is opened, which for OBJ takes two passes over all of it;
     /// gets the share of the file's bytes that is done and says whether to go on.
     pub progress: &'a mut dyn FnMut(u64) -> bool,
+    /// Vertex properties to be read besides shape, normals and colours, [`KEEP_MAX`] at most, by their
+    /// names in the file.
+    pub keep: &'a [String],
 }
 
 /// One scan file opened for reading; yields batches in file order.
@@ -173,6 +184,7 @@ pub struct ScanReader {
     body: Box<dyn ReadBatches>,
     mover: Option<Mover>,
     ended: bool,
+    keep_count: usize,
 }
 
 impl fmt::Debug for ScanReader {
@@ -200,7 +212,7 @@ impl ScanReader {
     /// If the file cannot be opened, is of no format read here, or its header is
     /// wrong: in particular if it declares more than the file can hold.
     pub fn open(path: &Path) -> Result<ScanReader, ScanError> {
-        Self::open_in(path, Room::UNBOUNDED, ColourSource::default(), &mut |_| true)
+        Self::open_in(path, Room::UNBOUNDED, ColourSource::default(), &mut |_| true, &[])
     }
 
     /// The same with as much memory as is allowed: reads the same, however little it is.
@@ -212,7 +224,7 @@ impl ScanReader {
     pub fn open_within(path: &Path, options: ReadOptions<'_>) -> Result<ScanReader, ScanError> {
         let room =
             Room { bytes: options.memory_bytes, scratch: Some(options.scratch.to_path_buf()) };
-        let mut reader = Self::open_in(path, room, options.colour, options.progress)?;
+        let mut reader = Self::open_in(path, room, options.colour, options.progress, options.keep)?;
         if let Some(transform) = &options.transform {
             reader.move_by(transform);
         }
@@ -224,6 +236,7 @@ impl ScanReader {
         room: Room,
         colour: ColourSource,
         progress: &mut dyn FnMut(u64) -> bool,
+        keep: &[String],
     ) -> Result<ScanReader, ScanError> {
         let mut input = Input::open(path)?;
         let file_bytes = input.file_bytes();
@@ -231,7 +244,7 @@ impl ScanReader {
         let mut report = ScanReport::new(path.to_path_buf(), format, file_bytes);
         let opened = match format {
             ScanFormat::PlyAscii | ScanFormat::PlyLittleEndian | ScanFormat::PlyBigEndian => {
-                ply::open(input, &room, colour, &mut report, progress)?
+                ply::open(input, &room, (colour, keep), &mut report, progress)?
             }
             ScanFormat::Obj => obj::open(input, &room, colour, &mut report, progress)?,
             ScanFormat::StlAscii => stl::open_ascii(input),
@@ -252,11 +265,13 @@ impl ScanReader {
                 has_colours: opened.has_colours,
                 is_triangle_soup: opened.is_triangle_soup,
                 is_point_cloud: opened.is_point_cloud,
+                scalars: opened.scalars,
             },
             report,
             body: opened.body,
             mover: None,
             ended: false,
+            keep_count: keep.len().min(KEEP_MAX),
         })
     }
 
@@ -297,9 +312,12 @@ impl ScanReader {
         {
             batch = Err(error);
         }
-        match &batch {
+        match &mut batch {
             Ok(Some(Batch::Vertices(batch))) => {
                 self.report.vertices += batch.positions.len() as u64;
+                // Formats without such properties know nothing of them.
+                let none = vec![f64::NAN; batch.positions.len()];
+                batch.scalars.resize(self.keep_count, none);
             }
             Ok(Some(Batch::Triangles(batch))) => {
                 self.report.triangles += batch.triangles.len() as u64;
@@ -341,6 +359,7 @@ struct Opened {
     has_colours: bool,
     is_triangle_soup: bool,
     is_point_cloud: bool,
+    scalars: Vec<String>,
     body: Box<dyn ReadBatches>,
 }
 

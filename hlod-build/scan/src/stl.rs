@@ -71,6 +71,7 @@ fn opened(input: Input, facets: Facets, faces: Option<u64>) -> Opened {
         has_colours: false,
         is_triangle_soup: true,
         is_point_cloud: false,
+        scalars: Vec::new(),
         body: Box::new(StlReader { input, facets, vertices: 0, pending: None }),
     }
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use hlod_build::{BuildOptions, Selection};
+use hlod_build::{BuildOptions, KeptScalar, Selection};
 use hlod_compress::{Primitives, RepresentationKind, SignedAxis, Unit};
 use hlod_scan::{ColourSource, Transform};
 
@@ -140,6 +140,10 @@ pub struct BuildArgs {
     /// Which way the statue faces [default: +z, or -y where up is along z].
     #[arg(long, allow_hyphen_values = true)]
     pub front: Option<SignedAxis>,
+    /// Keep a number that vertices of a PLY file have, as in `quality`, `quality=0.01` (kept to
+    /// hundredths) or `depth=0.01 mm`; may be given several times.
+    #[arg(long, value_name = "NAME[=STEP][UNIT]")]
+    pub keep: Vec<KeptScalar>,
     /// What is known of the scan besides its shape, kept in the file: title, holder, rights, device,
     /// accuracy … (JSON; `hlod-build meta --template` prints an example).
     #[arg(long, value_name = "FILE")]
@@ -232,6 +236,7 @@ impl BuildArgs {
             unit: self.unit,
             up: self.up,
             front,
+            keep: self.keep.clone(),
             // Read where errors can be said.
             metadata: None,
             force: self.force,

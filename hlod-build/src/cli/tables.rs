@@ -253,7 +253,7 @@ pub fn info(info: &Info) -> String {
             0 => format!(", {} × noise, {}", info.normal_noise, info.representation),
             _ => String::new(),
         },
-        info.attributes.join(", "),
+        attributes(info),
         if info.points_input > 0 {
             "none: a point cloud"
         } else if info.closed_oriented {
@@ -267,6 +267,24 @@ pub fn info(info: &Info) -> String {
             count => format!("{} nodes over their budget", grouped(count)),
         },
     )
+}
+
+/// Names of attributes; numbers that were kept with their ranges, a line each.
+fn attributes(info: &Info) -> String {
+    let is_number = |name: &&String| info.scalars.iter().any(|s| s.name == **name);
+    let others = info.attributes.iter().filter(|name| !is_number(name)).cloned();
+    let mut out = others.collect::<Vec<_>>().join(", ");
+    for scalar in &info.scalars {
+        let unit = if scalar.unit.is_empty() { String::new() } else { format!(" {}", scalar.unit) };
+        out += &match (scalar.minimum, scalar.maximum) {
+            (Some(low), Some(high)) => {
+                let (name, off) = (&scalar.name, scalar.precision);
+                format!("\n             {name} {low} to {high}{unit}, to ± {off}")
+            }
+            _ => format!("\n             {} without any value", scalar.name),
+        };
+    }
+    out
 }
 
 /// Names and texts, a line each, and an empty line.
@@ -339,6 +357,9 @@ pub fn verify(report: &VerifyReport) -> String {
         ),
     ] {
         summary.add_row([name, &value]);
+    }
+    if report.values_compared > 0 {
+        summary.add_row(["vertices' values compared", &grouped(report.values_compared)]);
     }
     let verdict = if report.is_refuted() { "REFUTED" } else { "nothing refuted" };
     let problems: String = report.problems.iter().map(|p| format!("\n- {p}")).collect();

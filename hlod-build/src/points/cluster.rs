@@ -5,6 +5,7 @@ use hlod_compress::OctNormal;
 
 use super::{Point, angle_between};
 use crate::colour::average_srgba;
+use crate::kept::mean_scalars;
 
 /// Groups of points that share a cell of a grid with cells of `edge` lattice steps and face about
 /// the same way, as indices; groups and what is in them come in a fixed order.
@@ -53,6 +54,7 @@ pub(super) fn clustered(points: &[Point], edge: f64) -> Vec<Point> {
         Point {
             normal,
             colour: average_srgba(members().map(|p| (p.colour, p.weight as f32))),
+            scalars: mean_scalars(members().map(|p| (p.scalars, p.weight.into()))),
             weight,
             reach,
             turned: turned.fold(0.0, f64::max),
@@ -65,11 +67,13 @@ pub(super) fn clustered(points: &[Point], edge: f64) -> Vec<Point> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hlod_compress::Scalars;
     use proptest::prelude::*;
 
     pub(crate) fn point(position: [i32; 3], normal: [f32; 3], reach: f64) -> Point {
         let normal = OctNormal::encode(normal);
-        Point { position, normal, colour: [255; 4], weight: 1, reach, moved: 0.0, turned: 0.0 }
+        let (colour, scalars) = ([255; 4], Scalars::default());
+        Point { position, normal, colour, scalars, weight: 1, reach, moved: 0.0, turned: 0.0 }
     }
 
     #[test]

@@ -8,12 +8,13 @@
 use std::borrow::Cow;
 
 use glam::DVec3;
-use hlod_compress::{Mesh, OctNormal, Primitives};
+use hlod_compress::{Mesh, OctNormal, Primitives, Scalars};
 
 use super::cluster::clustered;
 use super::{PIXEL_A_ERROR, Point, SPACING_PX, angle_between};
 use crate::borders::Cube;
 use crate::colour::average_srgba;
+use crate::kept::mean_scalars;
 use crate::partition::Vertex;
 
 /// How triangles become points.
@@ -112,6 +113,7 @@ fn cover(mesh: &Mesh, triangles: &[u32], spacing: f64) -> Vec<Point> {
             at: DVec3::from_array(mesh.positions[v as usize].map(f64::from)),
             normal: DVec3::from_array(mesh.normals[v as usize].decode().map(f64::from)),
             colour: mesh.colours.get(v as usize).copied().unwrap_or([255; 4]),
+            scalars: mesh.scalars.get(v as usize).copied().unwrap_or_default(),
         };
         pieces_of(mesh.triangles[t as usize].map(corner), spacing / 2.0, &mut pieces);
     }
@@ -123,13 +125,15 @@ struct Corner {
     at: DVec3,
     normal: DVec3,
     colour: [u8; 4],
+    scalars: Scalars,
 }
 
 impl Corner {
     fn between(a: &Corner, b: &Corner) -> Corner {
         let colour = average_srgba([(a.colour, 0.5), (b.colour, 0.5)]);
+        let scalars = mean_scalars([(a.scalars, 1.0), (b.scalars, 1.0)]);
         // Not normalised: interpolation stays linear.
-        Corner { at: (a.at + b.at) / 2.0, normal: (a.normal + b.normal) / 2.0, colour }
+        Corner { at: (a.at + b.at) / 2.0, normal: (a.normal + b.normal) / 2.0, colour, scalars }
     }
 }
 
@@ -165,6 +169,7 @@ fn piece(corners: &[Corner; 3], middle: DVec3) -> Point {
         position,
         normal,
         colour: average_srgba(corners.map(|p| (p.colour, 1.0))),
+        scalars: mean_scalars(corners.map(|p| (p.scalars, 1.0))),
         weight: 1,
         reach: corners.iter().map(|p| p.at.distance(at)).fold(0.0, f64::max),
         moved: at.distance(middle),
@@ -192,6 +197,7 @@ mod tests {
                 normals: (0..corners.len()).map(normal).collect(),
                 positions: corners,
                 colours: Vec::new(),
+                scalars: Vec::new(),
                 triangles: (0..count).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
             };
             let all: Vec<u32> = (0..count).collect();
@@ -219,8 +225,8 @@ mod tests {
         let mesh = Mesh {
             positions: vec![[0, 0, 0], [1000, 0, 0], [0, 1000, 0]],
             normals: vec![OctNormal::encode([0.0, 0.0, 1.0]); 3],
-            colours: Vec::new(),
             triangles: vec![[0, 1, 2]],
+            ..Mesh::default()
         };
         let points = cover(&mesh, &[0], 10.0);
         // 5,000 cells of 10 × 10, and those on the sides.

@@ -17,7 +17,7 @@ mod spacing;
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
-use hlod_compress::{OctNormal, PointRadius, Points};
+use hlod_compress::{OctNormal, PointRadius, Points, Scalars};
 
 /// The pixels for which a node's points are made are so many times as large as its selecting error:
 /// it is drawn while that covers half a pixel (τ_build).
@@ -38,6 +38,8 @@ pub(crate) struct Point {
     pub(crate) colour: [u8; 4],
     /// How many points of the scan, or triangles' pieces.
     pub(crate) weight: u32,
+    /// Kept numbers as codes.
+    pub(crate) scalars: Scalars,
     /// Radius of the ball, lattice steps.
     pub(crate) reach: f64,
     /// How far it is from the nearest point of the scan, at most.
@@ -77,7 +79,12 @@ pub(crate) fn round(points: &mut [Point], shift: u8) {
 pub(crate) fn to_page(points: &[Point], spacing: f64, has_colours: bool) -> Points {
     let (order, prefixes) = progressive::progressive(points, spacing);
     let ordered = || order.iter().map(|&p| &points[p as usize]);
+    let mut scalars: Vec<Scalars> = ordered().map(|p| p.scalars).collect();
+    if scalars.iter().all(Scalars::is_unknown) {
+        scalars.clear();
+    }
     Points {
+        scalars,
         positions: ordered().map(|p| p.position).collect(),
         normals: ordered().map(|p| p.normal).collect(),
         colours: ordered().map(|p| p.colour).filter(|_| has_colours).collect(),

@@ -79,6 +79,7 @@ mod tests {
             position: [10 * (i % n), 10 * (i / n), 0],
             normal: OctNormal::encode([0.0, 0.0, 1.0]),
             colour: [255; 4],
+            scalars: hlod_compress::Scalars::default(),
             weight: 1,
             reach: 8.0,
             moved: 0.0,

@@ -13,11 +13,12 @@
 use std::collections::HashMap;
 
 use glam::{DVec3, Vec3};
-use hlod_compress::Mesh;
+use hlod_compress::{Mesh, Scalars};
 
 use super::Budget;
 use super::prepare::{angle, unit_colour};
 use crate::borders::{Borders, Cube};
+use crate::kept::mean_scalars;
 use crate::partition::Vertex;
 
 /// Chains are kept within this share of the budget.
@@ -37,6 +38,8 @@ pub(super) struct Pin {
     pub(super) normal: Vec3,
     /// sRGB from 0 to 1.
     pub(super) colour: Vec3,
+    /// Kept numbers.
+    pub(super) scalars: Scalars,
 }
 
 /// Chains of one node, simplified.
@@ -139,6 +142,7 @@ struct ChainVertex {
     position: [i32; 3],
     normal: Vec3,
     colour: Vec3,
+    scalars: Scalars,
 }
 
 impl ChainVertex {
@@ -159,6 +163,9 @@ fn chain_vertices(mesh: &Mesh, borders: &Borders) -> HashMap<u32, ChainVertex> {
     let mean = |(position, mut members): (u32, Vec<Vertex>)| {
         members.sort_unstable();
         members.dedup();
+        let scalars = mean_scalars(members.iter().filter_map(|v| Some((v.scalars?, 1.0))));
+        // Shape and shading are what they would be without kept numbers.
+        members.dedup_by_key(|v| Vertex { scalars: None, ..*v });
         let normal = members.iter().map(|v| Vec3::from_array(v.normal.decode())).sum::<Vec3>();
         let colour =
             members.iter().filter_map(|v| v.colour.as_ref().map(unit_colour)).sum::<Vec3>();
@@ -166,6 +173,7 @@ fn chain_vertices(mesh: &Mesh, borders: &Borders) -> HashMap<u32, ChainVertex> {
             position: borders.positions[position as usize],
             normal: normal.normalize_or(Vec3::Z),
             colour: colour / members.len() as f32,
+            scalars,
         };
         (position, vertex)
     };
@@ -283,7 +291,9 @@ fn simplify_chain(chain: &[&ChainVertex], budget: &Budget, shading: &Shading, ou
                 } else {
                     smoothed(chain, &along, k, budget.whole)
                 };
-                out.pins.push(Pin { place: rounded[k], normal, colour });
+                let scalars = scalars_along(chain, &along, k, budget.whole);
+                let scalars = if anchor { chain[k].scalars } else { scalars };
+                out.pins.push(Pin { place: rounded[k], normal, colour, scalars });
                 out.pins.len() as u32 - 1
             });
             (k, pin)
@@ -324,6 +334,21 @@ fn smoothed(chain: &[&ChainVertex], along: &[f64], k: usize, resolution: f64) ->
     (0..k).rev().take_while(|&i| add(i)).for_each(drop);
     (k + 1..chain.len()).take_while(|&i| add(i)).for_each(drop);
     [sums[0].normalize_or(chain[k].normal), sums[1] / total]
+}
+
+/// Kept numbers at a vertex, averaged in the same way.
+fn scalars_along(chain: &[&ChainVertex], along: &[f64], k: usize, resolution: f64) -> Scalars {
+    let weight = |i: usize| {
+        let stands_for = along[(i + 1).min(along.len() - 1)] - along[i.saturating_sub(1)];
+        (1.0 - (along[i] - along[k]).abs() / resolution) * stands_for
+    };
+    let is_near = |i: &usize| weight(*i) > 0.0;
+    if !is_near(&k) {
+        return chain[k].scalars;
+    }
+    let before = (0..k).rev().take_while(is_near);
+    let all = before.chain((k..chain.len()).take_while(is_near));
+    mean_scalars(all.map(|i| (chain[i].scalars, weight(i))))
 }
 
 /// The median angle between a normal and the mean of those beside it.

@@ -13,12 +13,13 @@ use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 
 use glam::{DVec3, Vec3};
-use hlod_compress::{Mesh, OctNormal};
+use hlod_compress::{Mesh, OctNormal, Scalars};
 
 use super::prepare::Prepared;
 use super::{Budget, Source};
 use crate::certificate::{NONE, Surface};
 use crate::colour::average_srgba;
+use crate::kept::mean_scalars;
 use crate::union::Union;
 
 /// Components larger than this, in budgets, are left to collapses.
@@ -299,11 +300,16 @@ impl Component {
         let colours = vertices.filter_map(|v| prepared.colours.get(v as usize));
         let colour =
             (!prepared.colours.is_empty()).then(|| [average_srgba(colours.map(|&c| (c, 1.0))); 3]);
+        let vertices = self.triangles.iter().flat_map(|&t| surface.triangles[t as usize]);
+        let members = vertices.filter_map(|v| prepared.scalars.get(v as usize));
+        let scalars = (!prepared.scalars.is_empty())
+            .then(|| [mean_scalars(members.map(|scalar| (scalar.codes, scalar.weight))); 3]);
         let move_by = if self.triangles.len() > 1 { self.middle - centre } else { DVec3::ZERO };
         Speck {
             corners: corners.map(|p| p + move_by),
             normals: [normal.as_vec3(); 3],
             colours: colour,
+            scalars,
         }
     }
 }
@@ -314,16 +320,22 @@ pub(super) struct Speck {
     corners: [DVec3; 3],
     normals: [Vec3; 3],
     colours: Option<[[u8; 4]; 3]>,
+    scalars: Option<[Scalars; 3]>,
 }
 
 impl Speck {
     pub(super) fn of_triangle(prepared: &Prepared, triangle: u32) -> Speck {
         let vertices = prepared.surface.triangles[triangle as usize];
         let colours = vertices.map(|v| prepared.colours.get(v as usize).copied());
+        let scalars = vertices.map(|v| prepared.scalars.get(v as usize).map(|s| s.codes));
         Speck {
             corners: prepared.surface.corners(triangle),
             normals: prepared.surface.corner_looks(triangle).map(|look| look.normal),
             colours: match colours {
+                [Some(a), Some(b), Some(c)] => Some([a, b, c]),
+                _ => None,
+            },
+            scalars: match scalars {
                 [Some(a), Some(b), Some(c)] => Some([a, b, c]),
                 _ => None,
             },
@@ -384,6 +396,7 @@ impl Speck {
                 mesh.positions.push(corners[k]);
                 mesh.normals.push(OctNormal::encode(normals[k].to_array()));
                 mesh.colours.extend(self.colours.map(|colours| colours[k]));
+                mesh.scalars.extend(self.scalars.map(|scalars| scalars[k]));
             }
             mesh.triangles.push([first, first + 1, first + 2]);
         };

@@ -1,13 +1,15 @@
 //! From collapsed vertices to the mesh that the file will hold.
 
 use glam::{DVec3, Vec3};
-use hlod_compress::{Mesh, OctNormal};
+use hlod_compress::{Mesh, OctNormal, Scalars};
 
 use super::Budget;
+use super::chains::Chains;
 use super::collapse::Collapser;
 use super::prepare::{Prepared, group, unit_colour};
 use crate::certificate::{Look, NONE, Surface};
 use crate::colour::average_srgba;
+use crate::kept::mean_scalars;
 
 /// A mesh on the node's grid.
 pub(super) struct Emitted {
@@ -21,7 +23,7 @@ pub(super) struct Emitted {
 /// Vertices that come to lie together are joined.
 pub(super) fn emit<const K: usize>(
     collapser: &Collapser<'_, K>,
-    prepared: &Prepared,
+    (prepared, chains): (&Prepared, &Chains),
     centre: DVec3,
     budget: &Budget,
 ) -> Emitted {
@@ -77,6 +79,8 @@ pub(super) fn emit<const K: usize>(
     mesh.normals =
         sums.iter().map(|n| OctNormal::encode(n.normalize_or(Vec3::Z).to_array())).collect();
     mesh.colours = members.iter().map(|m| average_srgba(m.iter().map(|&c| (c, 1.0)))).collect();
+    let pin_of = |v: u32| vertices[v as usize].pin;
+    let pins: Vec<(u32, u32)> = kept.iter().zip(&groups).map(|(&v, &g)| (g, pin_of(v))).collect();
     for t in collapser.triangles() {
         let t = t.map(|v| groups[used[v as usize] as usize]);
         let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
@@ -84,13 +88,41 @@ pub(super) fn emit<const K: usize>(
             mesh.triangles.push(t);
         }
     }
-    let became = (0..count as u32)
+    let became: Vec<u32> = (0..count as u32)
         .map(|v| match used[collapser.vertex_of(v) as usize] {
             NONE => NONE,
             kept => groups[kept as usize],
         })
         .collect();
+    if !prepared.scalars.is_empty() {
+        mesh.scalars = scalars(prepared, chains, &became, &pins, group_count);
+    }
     Emitted { mesh, became }
+}
+
+/// Kept numbers: means over all vertices of the source that became one, by area; of what neighbouring
+/// cells share, those of the chain.
+fn scalars(
+    prepared: &Prepared,
+    chains: &Chains,
+    became: &[u32],
+    pins: &[(u32, u32)],
+    count: usize,
+) -> Vec<Scalars> {
+    let mut members: Vec<Vec<(Scalars, f64)>> = vec![Vec::new(); count];
+    for (scalar, &became) in prepared.scalars.iter().zip(became) {
+        if became != NONE {
+            members[became as usize].push((scalar.codes, scalar.weight));
+        }
+    }
+    let mut out: Vec<Scalars> =
+        members.iter().map(|members| mean_scalars(members.iter().copied())).collect();
+    for &(vertex, pin) in pins {
+        if let Some(pin) = chains.pins.get(pin as usize) {
+            out[vertex as usize] = pin.scalars;
+        }
+    }
+    out
 }
 
 /// The mesh as it will be decoded, relative to `centre`.

@@ -285,7 +285,7 @@ fn refine<const K: usize>(
     let mut specks: Vec<u32> = Vec::new();
     let mut earlier: Option<(Certificate, Surface)> = None;
     for round in 0.. {
-        let Emitted { mut mesh, became } = emit(collapser, prepared, centre, budget);
+        let Emitted { mut mesh, became } = emit(collapser, (prepared, step.chains), centre, budget);
         for &t in &specks {
             Speck::of_triangle(prepared, t).add_to(&mut mesh, budget, false);
         }

@@ -3,10 +3,11 @@
 use std::collections::HashMap;
 
 use glam::{DVec3, Vec3};
-use hlod_compress::Mesh;
+use hlod_compress::{Mesh, Scalars};
 
 use crate::certificate::{Look, Surface, largest_angle};
 use crate::colour::average_srgba;
+use crate::kept::mean_scalars;
 
 /// The source of one node, ready to be simplified and compared with.
 pub(super) struct Prepared {
@@ -16,6 +17,8 @@ pub(super) struct Prepared {
     pub(super) positions: Vec<[i32; 3]>,
     /// Empty where there are none.
     pub(super) colours: Vec<[u8; 4]>,
+    /// Kept numbers; empty where there are none.
+    pub(super) scalars: Vec<Weighed>,
     /// The largest angle between a normal of the source, anywhere on it, and the one here, in
     /// radians.
     pub(super) smoothed: f32,
@@ -58,6 +61,7 @@ pub(super) fn prepare(source: &Mesh, centre: DVec3, resolution: f64) -> Prepared
         let mean = |m: &Vec<usize>| average_srgba(m.iter().map(|&v| (source.colours[v], 1.0)));
         colours = members.iter().map(mean).collect();
     }
+    let scalars = weighed(source, &groups, count, &vertex_area);
     let triangles: Vec<[u32; 3]> =
         source.triangles.iter().map(|t| t.map(|v| groups[v as usize])).collect();
     let welded: Vec<Vec3> = sums.iter().map(|s| s.normalize_or(Vec3::Z)).collect();
@@ -80,7 +84,32 @@ pub(super) fn prepare(source: &Mesh, centre: DVec3, resolution: f64) -> Prepared
         .map(|v| Look { normal: smooth[v], colour: colours.get(v).map_or(Vec3::ZERO, unit_colour) })
         .collect();
     let surface = Surface::new(positions_f, looks, triangles);
-    Prepared { surface, positions, colours, smoothed, normal_noise }
+    Prepared { surface, positions, colours, scalars, smoothed, normal_noise }
+}
+
+/// Kept numbers of a vertex, and for how much of the surface they stand.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Weighed {
+    pub(super) codes: Scalars,
+    /// Squared lattice steps.
+    pub(super) weight: f64,
+}
+
+/// Means over the vertices of each group, by area.
+fn weighed(source: &Mesh, groups: &[u32], count: usize, vertex_area: &[f64]) -> Vec<Weighed> {
+    if source.scalars.is_empty() {
+        return Vec::new();
+    }
+    let mut members: Vec<Vec<(Scalars, f64)>> = vec![Vec::new(); count];
+    for (v, &group) in groups.iter().enumerate() {
+        let weight = vertex_area[v].max(AREA_MIN.into());
+        members[group as usize].push((source.scalars[v], weight));
+    }
+    let mean = |members: Vec<(Scalars, f64)>| Weighed {
+        codes: mean_scalars(members.iter().copied()),
+        weight: members.iter().map(|(_, weight)| weight).sum(),
+    };
+    members.into_iter().map(mean).collect()
 }
 
 /// Vertices of degenerate triangles only count a little: squared lattice steps.

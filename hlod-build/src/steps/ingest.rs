@@ -1,8 +1,11 @@
 //! Reads the scans once, into files of vertices and triangles.
 
 use bytemuck::{Pod, Zeroable};
-use hlod_compress::SourceFile;
-use hlod_scan::{Batch, ColourSource, PlacedScan, ReadOptions, ScanError, ScanReader, ScanReport};
+use hlod_compress::{SCALARS_MAX, ScalarRange, SourceFile};
+use hlod_scan::{
+    Batch, ColourSource, PlacedScan, ReadOptions, ScanError, ScanHeader, ScanReader, ScanReport,
+    VertexBatch,
+};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -11,6 +14,7 @@ use super::weld::Soup;
 use super::work_folder::WorkFolder;
 use crate::error::BuildError;
 use crate::ingest::identify;
+use crate::kept::{KeptScalar, ScalarAccount};
 use crate::progress::{Progress, Unit};
 use crate::spill::RecordWriter;
 
@@ -19,6 +23,8 @@ pub(crate) const VERTICES: &str = "vertices";
 pub(crate) const TRIANGLES: &str = "triangles";
 const SOUP: &str = "soup";
 pub(crate) const ACCOUNT: &str = "ingest.json";
+/// Numbers that are kept, of vertices; there is no such file where none are.
+pub(crate) const SCALARS: &str = "scalars";
 
 /// A vertex as scanned.
 #[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
@@ -38,6 +44,8 @@ pub(crate) struct Account {
     pub(crate) min: [f64; 3],
     pub(crate) max: [f64; 3],
     pub(crate) has_colours: bool,
+    /// Numbers that are kept.
+    pub(crate) scalars: Vec<ScalarAccount>,
     /// Vertices without a normal.
     pub(crate) normals_lacking: u64,
     /// Whether these are point clouds: then vertices are all there is.
@@ -58,14 +66,16 @@ pub(crate) struct Source {
 pub(crate) fn ingest(
     folder: &WorkFolder,
     scans: &[PlacedScan],
-    colour: ColourSource,
+    (colour, keep): (ColourSource, &[KeptScalar]),
     memory_bytes: usize,
     progress: &dyn Progress,
 ) -> Result<Account, BuildError> {
     let account_file = folder.file(ACCOUNT);
-    folder.step("ingest", &[VERTICES, TRIANGLES, ACCOUNT], || {
+    let files = [VERTICES, TRIANGLES, ACCOUNT, SCALARS];
+    let files = if keep.is_empty() { &files[..3] } else { &files };
+    folder.step("ingest", files, || {
         let (account, identities) = rayon::join(
-            || read_all(folder, scans, colour, memory_bytes, progress),
+            || read_all(folder, scans, (colour, keep), memory_bytes, progress),
             || scans.par_iter().map(|scan| identify(&scan.path)).collect::<Result<Vec<_>, _>>(),
         );
         let mut account = account?;
@@ -102,7 +112,7 @@ impl Source {
 fn read_all(
     folder: &WorkFolder,
     scans: &[PlacedScan],
-    colour: ColourSource,
+    (colour, keep): (ColourSource, &[KeptScalar]),
     memory_bytes: usize,
     progress: &dyn Progress,
 ) -> Result<Account, BuildError> {
@@ -118,6 +128,7 @@ fn read_all(
         min: [f64::INFINITY; 3],
         max: [f64::NEG_INFINITY; 3],
         has_colours: false,
+        scalars: keep.iter().map(ScalarAccount::new).collect(),
         normals_lacking: 0,
         is_cloud: false,
         sources: Vec::new(),
@@ -125,6 +136,9 @@ fn read_all(
     };
     let mut vertices = RecordWriter::create(&folder.file(VERTICES))?;
     let mut triangles = RecordWriter::create(&folder.file(TRIANGLES))?;
+    let scalars = (!keep.is_empty()).then(|| RecordWriter::create(&folder.file(SCALARS)));
+    let mut scalars = scalars.transpose()?;
+    let names: Vec<String> = keep.iter().map(|kept| kept.name.clone()).collect();
     for (number, scan) in scans.iter().enumerate() {
         let path = &scan.path;
         let mut bytes_before = 0;
@@ -142,6 +156,7 @@ fn read_all(
             scratch: &scratch,
             colour,
             transform: scan.transform,
+            keep: &names,
             progress: &mut while_opening,
         };
         let mut reader = match ScanReader::open_within(path, within) {
@@ -157,6 +172,7 @@ fn read_all(
             });
         }
         account.is_cloud = header.is_point_cloud;
+        let lacking = note_scalars(&mut account, &header, number + 1 == scans.len())?;
         let first_vertex = account.vertices;
         // Three vertices in the 50 bytes that a triangle takes in STL, where nothing is declared.
         let vertices_max = header.vertices_declared.unwrap_or(header.file_bytes / 50 * 3);
@@ -185,6 +201,9 @@ fn read_all(
                         }
                         let colour = batch.colours.get(i).copied().unwrap_or([255; 4]);
                         records.push(ScanVertex { position: p.to_array(), normal, colour });
+                    }
+                    if let Some(scalars) = &mut scalars {
+                        scalars.put(&account.take_scalars(&batch))?;
                     }
                     if let Some(soup) = &mut soup {
                         soup.add_vertices(&batch.positions)?;
@@ -216,6 +235,7 @@ fn read_all(
             folder.check_stop(progress)
         };
         let mut report = overlap(read, take)?;
+        report.warnings.extend(lacking);
         if let Some(soup) = soup {
             let welded = soup.finish(first_vertex as u32, &mut triangles)?;
             account.triangles += welded.triangles;
@@ -236,6 +256,56 @@ fn read_all(
     }
     vertices.finish()?;
     triangles.finish()?;
+    scalars.map(RecordWriter::finish).transpose()?;
+    // What cannot be is said before the long steps.
+    account.ranges()?;
     progress.end();
     Ok(account)
+}
+
+/// Notes which numbers an input has; says which it lacks, and refuses what none has.
+fn note_scalars(
+    account: &mut Account,
+    header: &ScanHeader,
+    is_last: bool,
+) -> Result<Vec<String>, BuildError> {
+    let mut lacking = Vec::new();
+    for scalar in &mut account.scalars {
+        let name = &scalar.kept.name;
+        if header.scalars.contains(name) {
+            scalar.is_there = true;
+        } else {
+            lacking.push(format!("has no {name}: not known of its vertices"));
+        }
+    }
+    match account.scalars.iter().find(|scalar| is_last && !scalar.is_there) {
+        None => Ok(lacking),
+        Some(scalar) => {
+            let there = match &header.scalars[..] {
+                [] => "no numbers besides shape and colour".to_owned(),
+                names => names.join(", "),
+            };
+            let (path, kept) = (header.path.display(), &scalar.kept);
+            Err(BuildError::Usage(format!("--keep {kept}: {path} has {there}")))
+        }
+    }
+}
+
+impl Account {
+    /// Counts a batch's numbers; gives them as records.
+    fn take_scalars(&mut self, batch: &VertexBatch) -> Vec<[f64; SCALARS_MAX]> {
+        let mut records = vec![[f64::NAN; SCALARS_MAX]; batch.positions.len()];
+        for (k, (account, column)) in self.scalars.iter_mut().zip(&batch.scalars).enumerate() {
+            for (record, &value) in records.iter_mut().zip(column) {
+                account.add(value);
+                record[k] = value;
+            }
+        }
+        records
+    }
+
+    /// How codes stand for the numbers that are kept.
+    pub(crate) fn ranges(&self) -> Result<Vec<ScalarRange>, BuildError> {
+        self.scalars.iter().map(ScalarAccount::range).collect()
+    }
 }

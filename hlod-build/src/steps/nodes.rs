@@ -57,7 +57,7 @@ pub(crate) fn build_subtree_step(
         let (leaves, oddities) = if setting.is_cloud {
             (cloud_leaves(cell, &path, leaf_triangles, setting), Oddities::default())
         } else {
-            surface_leaves(cell, load(&path, setting.has_colours)?, leaf_triangles, setting)
+            surface_leaves(cell, load(&path, setting)?, leaf_triangles, setting)
         };
         let leaves = leaves.map_err(|error| said(error, folder))?;
         let (nodes, pieces) = build_subtree(cell, leaves, subtree.triangles, setting)
@@ -146,7 +146,7 @@ fn said(error: NodeError, folder: &WorkFolder) -> BuildError {
 }
 
 /// A cell's triangles in the order of the scan, equal vertices joined.
-fn load(path: &Path, has_colours: bool) -> Result<Mesh, BuildError> {
+fn load(path: &Path, setting: &Setting<'_>) -> Result<Mesh, BuildError> {
     let mut pieces: Vec<CutTriangle> = RecordReader::all(path)?;
     // Stable: pieces of one triangle keep their order.
     pieces.sort_by_key(|piece| piece.triangle);
@@ -154,8 +154,9 @@ fn load(path: &Path, has_colours: bool) -> Result<Mesh, BuildError> {
     let mut index_of = std::collections::HashMap::with_capacity(pieces.len());
     for piece in pieces {
         let triangle = piece.corners.map(|v| {
-            let colour = has_colours.then_some(v.colour);
-            let vertex = Vertex { position: v.position, normal: v.normal, colour };
+            let colour = setting.has_colours.then_some(v.colour);
+            let scalars = setting.has_scalars.then_some(v.scalars);
+            let vertex = Vertex { position: v.position, normal: v.normal, colour, scalars };
             *index_of.entry(vertex).or_insert_with(|| vertex.push_to(&mut mesh))
         });
         mesh.triangles.push(triangle);
@@ -172,6 +173,7 @@ fn load_points(path: &Path) -> Result<Vec<Point>, BuildError> {
         normal: vertex.normal,
         colour: vertex.colour,
         weight: 1,
+        scalars: vertex.scalars,
         reach: 0.0,
         moved: 0.0,
         turned: 0.0,
@@ -321,6 +323,7 @@ impl Writer {
         self.array(&mesh.positions);
         self.array(&mesh.normals);
         self.array(&mesh.colours);
+        self.array(&mesh.scalars);
         self.array(&mesh.triangles);
         let numbers = |d: Deviation| [d.distance, f64::from(d.angle)];
         let carried: Vec<[[f64; 2]; 2]> =
@@ -389,6 +392,7 @@ impl Reader<'_> {
             positions: self.array()?,
             normals: self.array::<OctNormal>()?,
             colours: self.array()?,
+            scalars: self.array()?,
             triangles: self.array()?,
         };
         mesh.validate().map_err(|_| self.damaged())?;

@@ -292,8 +292,8 @@ fn route_pieces(
 ) {
     let mut mesh = Mesh::default();
     for v in whole.corners {
-        Vertex { position: v.position, normal: v.normal, colour: Some(v.colour) }
-            .push_to(&mut mesh);
+        let (colour, scalars) = (Some(v.colour), Some(v.scalars));
+        Vertex { position: v.position, normal: v.normal, colour, scalars }.push_to(&mut mesh);
     }
     mesh.triangles.push([0, 1, 2]);
     for (octant, part) in octants(mesh, lattice, cell) {
@@ -302,6 +302,7 @@ fn route_pieces(
                 position: part.positions[v as usize],
                 normal: part.normals[v as usize],
                 colour: part.colours[v as usize],
+                scalars: part.scalars[v as usize],
             });
             let piece = CutTriangle { corners, ..*whole };
             route(piece, cell.child(octant), split, lattice, out);

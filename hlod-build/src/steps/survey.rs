@@ -4,12 +4,12 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
-use hlod_compress::{CellKey, Lattice, OctNormal};
+use hlod_compress::{CellKey, Lattice, OctNormal, SCALARS_MAX, Scalars};
 use hlod_scan::NormalSum;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::ingest::{Account, ScanVertex, TRIANGLES, VERTICES};
+use super::ingest::{Account, SCALARS, ScanVertex, TRIANGLES, VERTICES};
 use super::join::{Event, Joined, join};
 use super::work_folder::WorkFolder;
 use crate::error::BuildError;
@@ -29,6 +29,8 @@ pub(crate) struct PlacedVertex {
     pub(crate) position: [i32; 3],
     pub(crate) normal: OctNormal,
     pub(crate) colour: [u8; 4],
+    /// Kept numbers as codes.
+    pub(crate) scalars: Scalars,
 }
 
 /// What the whole model is like.
@@ -371,6 +373,11 @@ fn place_vertices(
     let mut sum_reader =
         sums.needed.then(|| RecordReader::<[i64; 3]>::open(&sums.file)).transpose()?;
     let mut reader = RecordReader::<ScanVertex>::open(&folder.file(VERTICES))?;
+    let ranges = account.ranges()?;
+    let mut scalar_reader = match ranges.is_empty() {
+        true => None,
+        false => Some(RecordReader::<[f64; SCALARS_MAX]>::open(&folder.file(SCALARS))?),
+    };
     let mut writer = RecordWriter::<PlacedVertex>::create(&folder.file(PLACED))?;
     let window = if sums.needed { sums.window_size } else { 1 << 16 };
     let mut bounds = [[i32::MAX; 3], [i32::MIN; 3]];
@@ -394,6 +401,17 @@ fn place_vertices(
         while first < end {
             let batch = reader.next((end - first).min(1 << 16))?;
             let at = first % window;
+            let numbers = match &mut scalar_reader {
+                Some(reader) => reader.next(batch.len())?,
+                None => Vec::new(),
+            };
+            let codes = |i: usize| {
+                let mut codes = Scalars::default();
+                for (k, range) in ranges.iter().enumerate() {
+                    codes.0[k] = numbers.get(i).map_or(0, |numbers| range.code(numbers[k]));
+                }
+                codes
+            };
             let place = |(i, v): (usize, &ScanVertex)| {
                 let normal = if v.normal == [0.0; 3] {
                     NormalSum(computed[at + i]).normal().to_array()
@@ -404,6 +422,7 @@ fn place_vertices(
                     position: lattice.quantise(v.position),
                     normal: OctNormal::encode(normal),
                     colour: v.colour,
+                    scalars: codes(i),
                 }
             };
             let placed: Vec<PlacedVertex> = batch.par_iter().enumerate().map(place).collect();

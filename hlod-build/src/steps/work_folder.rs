@@ -14,18 +14,20 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::BuildError;
+use crate::kept::KeptScalar;
 use crate::progress::Progress;
 
 const JOURNAL: &str = "journal";
 const LOCK: &str = "lock";
 
 /// What the names of a build's files and folders begin with.
-const OWN: [&str; 14] = [
+const OWN: [&str; 15] = [
     JOURNAL,
     LOCK,
     "vertices",
     "triangles",
     "ingest.json",
+    "scalars",
     "soup",
     "placed",
     "sums",
@@ -82,6 +84,7 @@ pub(crate) struct StepOptions {
     pub(crate) normal_noise: f32,
     pub(crate) primitives: String,
     pub(crate) point_cost: f32,
+    pub(crate) keep: Vec<KeptScalar>,
 }
 
 impl std::fmt::Display for StepOptions {
@@ -94,6 +97,7 @@ impl std::fmt::Display for StepOptions {
             normal_noise,
             primitives,
             point_cost,
+            keep,
         } = self;
         write!(f, "resolution {resolution}, leaf triangles {leaf_triangles}, colour {colour}, ")?;
         write!(
@@ -103,7 +107,8 @@ impl std::fmt::Display for StepOptions {
         match precision {
             Some(step) => write!(f, "{step}"),
             None => f.write_str("found"),
-        }
+        }?;
+        keep.iter().try_for_each(|kept| write!(f, ", keep {kept}"))
     }
 }
 

@@ -182,6 +182,16 @@ pub(super) fn each_batch(
     progress: &dyn Progress,
     visit: &mut dyn FnMut(Batch),
 ) -> Result<(), BuildError> {
+    each_batch_keeping(scan, &[], progress, visit)
+}
+
+/// The same with some properties of vertices.
+pub(super) fn each_batch_keeping(
+    scan: &PlacedScan,
+    keep: &[String],
+    progress: &dyn Progress,
+    visit: &mut dyn FnMut(Batch),
+) -> Result<(), BuildError> {
     let scratch = std::env::temp_dir();
     let options = ReadOptions {
         memory_bytes: READER_BYTES,
@@ -190,6 +200,7 @@ pub(super) fn each_batch(
         colour: ColourSource::Vertex,
         transform: scan.transform,
         progress: &mut |_| !progress.is_stopped(),
+        keep,
     };
     let mut reader = ScanReader::open_within(&scan.path, options)?;
     let mut done = 0;
@@ -349,6 +360,7 @@ mod tests {
             positions: triangles.concat(),
             normals: vec![OctNormal::default(); 3 * triangles.len()],
             colours: Vec::new(),
+            scalars: Vec::new(),
             triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
         }
     }

@@ -18,6 +18,7 @@ mod leaves;
 mod normals;
 mod originals;
 mod points;
+mod scalars;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -59,6 +60,8 @@ pub struct VerifyReport {
     pub leaves_compared: bool,
     /// Leaves whose geometry is not the input's.
     pub leaves_differ: u64,
+    /// Vertices of leaves whose kept numbers were compared with the input's.
+    pub values_compared: u64,
     /// What is wrong, one sentence each; at most [`PROBLEMS_MAX`].
     pub problems: Vec<String>,
     /// Per representation, for tables and plots.
@@ -164,7 +167,7 @@ pub fn verify(
     check_monotone(&nodes, &mut problems);
 
     let is_cloud = file.header().points_input > 0;
-    let mut leaves_differ = 0;
+    let (mut leaves_differ, mut values_compared) = (0, 0);
     if !options.against.is_empty() {
         let scans = place_scans(&options.against, &options.transforms)?;
         let differing = if is_cloud {
@@ -174,6 +177,10 @@ pub fn verify(
         };
         leaves_differ = differing.len() as u64;
         problems.extend(differing);
+        let memory_bytes = options.memory_bytes;
+        let values = scalars::compare(&file, &nodes, &scans, memory_bytes, progress)?;
+        values_compared = values.vertices;
+        problems.extend(values.problems);
     }
 
     let originals = Originals::new(&file, &nodes, options.block_triangles);
@@ -241,6 +248,7 @@ pub fn verify(
         independent_ratio_max: checks.iter().map(ratio).fold(0.0, f64::max),
         leaves_compared: !options.against.is_empty(),
         leaves_differ,
+        values_compared,
         problems,
         representations: checks,
     })
@@ -286,6 +294,11 @@ fn check_page(
     };
     if found != (PageCounts { vertices: r.vertices, triangles: r.triangles, points: r.points }) {
         return Err(format!("node {cell}: its page holds other counts than its record"));
+    }
+    for (k, (name, range)) in file.header().scalars().enumerate() {
+        if mesh.scalars.iter().chain(&points.scalars).any(|s| s.0[k] > range.codes) {
+            return Err(format!("node {cell}: a value of {name} lies beyond its range"));
+        }
     }
     let lattice = file.header().lattice;
     if points.largest_radius_steps() * lattice.step > f64::from(r.cover_radius) * (1.0 + 1e-6) {

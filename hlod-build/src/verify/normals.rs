@@ -89,6 +89,7 @@ mod tests {
             positions: vec![[0, 0, 0], [90, 0, 0], [0, 90, 0]],
             normals: vec![OctNormal::encode(normal); 3],
             colours: Vec::new(),
+            scalars: Vec::new(),
             triangles: vec![[0, 1, 2]],
         }
     }

@@ -249,6 +249,7 @@ mod tests {
             positions: vec![[0, 0, 0], [20, 0, 0], [10, 0, 0]],
             normals: vec![up; 3],
             colours: Vec::new(),
+            scalars: Vec::new(),
             radii: vec![PointRadius::at_least(5.0); 3],
             prefixes: vec![PointPrefix { radii: vec![PointRadius::at_least(10.0); 2] }],
         }

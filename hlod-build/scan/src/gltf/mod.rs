@@ -102,6 +102,7 @@ pub(crate) fn open(
         has_colours: reader.has_colours,
         is_triangle_soup,
         is_point_cloud: false,
+        scalars: Vec::new(),
         body: Box::new(reader),
     })
 }

@@ -77,6 +77,7 @@ pub(crate) fn open(
         has_colours: points.has_colours || painter.is_some(),
         is_triangle_soup: false,
         is_point_cloud: false,
+        scalars: Vec::new(),
         body: Box::new(ObjReader {
             path: input.path().to_path_buf(),
             points,

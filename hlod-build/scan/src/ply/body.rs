@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::header::{Element, PropertyType, ScalarType};
 use super::values::{self, Values};
-use super::{ALPHA, COLOUR, Columns, CornerList, NORMAL, Plan, Role, SLOT_COUNT};
+use super::{ALPHA, COLOUR, Columns, CornerList, NAMED_COUNT, NORMAL, Plan, Role, SLOT_COUNT};
 use crate::error::{Place, ScanError, Spot};
 use crate::input::Input;
 use crate::paged::{Paged, Room};
@@ -214,6 +214,7 @@ fn read_vertices(
         positions: Vec::with_capacity(count),
         normals: Vec::with_capacity(if columns.has_normals { count } else { 0 }),
         colours: Vec::with_capacity(if columns.has_colours { count } else { 0 }),
+        scalars: vec![Vec::with_capacity(count); columns.kept.len()],
     };
     let fixed = fixed_columns(values, element, columns);
     let mut numbers = [0.0; SLOT_COUNT];
@@ -255,6 +256,10 @@ fn read_vertices(
                 false => 255,
             };
             batch.colours.push([scaled(0), scaled(1), scaled(2), alpha]);
+        }
+        for (k, (column, is_there)) in batch.scalars.iter_mut().zip(&columns.kept).enumerate() {
+            let number = numbers[NAMED_COUNT + k];
+            column.push(if *is_there && number.is_finite() { number } else { f64::NAN });
         }
         *record += 1;
     }
@@ -415,7 +420,7 @@ fn read_positions(path: &Path, vertex_count: u32, room: &Room) -> Result<Paged<D
     let mut positions = Paged::new(room);
     for element in header.elements {
         values.begin_element(&element.name);
-        let plan = super::plan(element, &at, ColourSource::None)?;
+        let plan = super::plan(element, &at, (ColourSource::None, &[]))?;
         let Role::Vertices(columns) = &plan.role else {
             skip_element(&mut values, &plan.element)?;
             continue;

@@ -10,19 +10,19 @@ mod header;
 mod paint;
 mod values;
 
-use crate::Opened;
 use crate::error::{Place, ScanError, Spot};
 use crate::input::Input;
 use crate::paged::Room;
 use crate::report::ScanReport;
 use crate::texture::{ColourSource, ColourTaken};
+use crate::{KEEP_MAX, Opened};
 
 use body::PlyReader;
 use header::{Element, PropertyType, ScalarType};
 use paint::Pass;
 
 /// What a number of a vertex means: its place in a vertex's array of numbers.
-const SLOT_NAMES: [&[&str]; SLOT_COUNT] = [
+const SLOT_NAMES: [&[&str]; NAMED_COUNT] = [
     &["x"],
     &["y"],
     &["z"],
@@ -34,7 +34,9 @@ const SLOT_NAMES: [&[&str]; SLOT_COUNT] = [
     &["blue", "diffuse_blue"],
     &["alpha", "diffuse_alpha"],
 ];
-const SLOT_COUNT: usize = 10;
+const NAMED_COUNT: usize = 10;
+/// Behind the slots with a meaning are those that are kept for their own sake.
+const SLOT_COUNT: usize = NAMED_COUNT + KEEP_MAX;
 const POSITION: std::ops::Range<usize> = 0..3;
 const NORMAL: std::ops::Range<usize> = 3..6;
 const COLOUR: std::ops::Range<usize> = 6..9;
@@ -44,7 +46,7 @@ const ALPHA: usize = 9;
 pub(crate) fn open(
     mut input: Input,
     room: &Room,
-    colour: ColourSource,
+    (colour, keep): (ColourSource, &[String]),
     report: &mut ScanReport,
     progress: &mut dyn FnMut(u64) -> bool,
 ) -> Result<Opened, ScanError> {
@@ -55,7 +57,7 @@ pub(crate) fn open(
     let mut plans = Vec::new();
     let mut faces = None;
     for element in header.elements {
-        let plan = plan(element, &at, colour)?;
+        let plan = plan(element, &at, (colour, keep))?;
         report_skipped(&plan, report);
         if matches!(plan.role, Role::Faces(_)) {
             faces = Some(plan.element.count);
@@ -97,6 +99,7 @@ pub(crate) fn open(
         has_normals: columns.has_normals,
         has_colours,
         is_triangle_soup: false,
+        scalars: columns.scalars,
         is_point_cloud,
         body: Box::new(body),
     })
@@ -130,6 +133,10 @@ struct CornerList {
 struct Columns {
     /// Slot of each property, in file order.
     slots: Vec<Option<usize>>,
+    /// Properties that are numbers without a meaning here.
+    scalars: Vec<String>,
+    /// Of each property to be kept, whether it is there.
+    kept: Vec<bool>,
     has_normals: bool,
     has_colours: bool,
     has_alpha: bool,
@@ -137,9 +144,17 @@ struct Columns {
     colour_scales: [f64; 4],
 }
 
-fn plan(element: Element, at: &Spot, colour: ColourSource) -> Result<Plan, ScanError> {
+fn plan(
+    element: Element,
+    at: &Spot,
+    (colour, keep): (ColourSource, &[String]),
+) -> Result<Plan, ScanError> {
     let role = match (element.name.as_str(), corner_list(&element)) {
-        ("vertex", _) => Role::Vertices(vertex_columns(&element, at, colour)?),
+        ("vertex", _) => {
+            let mut columns = vertex_columns(&element, at, colour)?;
+            columns.keep(&element, keep);
+            Role::Vertices(columns)
+        }
         ("face", Some(list)) => Role::Faces(list),
         ("tristrips", Some(list)) => Role::Strips(list),
         _ => Role::Skipped,
@@ -156,6 +171,24 @@ fn corner_list(element: &Element) -> Option<CornerList> {
         PropertyType::List { count, item } => Some(CornerList { property: index, count, item }),
         PropertyType::Scalar(_) => None,
     })
+}
+
+impl Columns {
+    /// Finds slots for properties that have none yet.
+    fn keep(&mut self, element: &Element, keep: &[String]) {
+        let keep = &keep[..keep.len().min(KEEP_MAX)];
+        self.kept = vec![false; keep.len()];
+        for (slot, property) in self.slots.iter_mut().zip(&element.properties) {
+            if slot.is_some() || !matches!(property.of, PropertyType::Scalar(_)) {
+                continue;
+            }
+            self.scalars.push(property.name.clone());
+            if let Some(k) = keep.iter().position(|name| *name == property.name) {
+                *slot = Some(NAMED_COUNT + k);
+                self.kept[k] = true;
+            }
+        }
+    }
 }
 
 fn vertex_columns(
@@ -195,6 +228,8 @@ fn vertex_columns(
 
     let mut columns = Columns {
         slots: vec![None; element.properties.len()],
+        scalars: Vec::new(),
+        kept: Vec::new(),
         has_normals,
         has_colours,
         has_alpha,

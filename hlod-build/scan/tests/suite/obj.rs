@@ -161,6 +161,7 @@ fn reads_the_same_in_any_room() {
         colour: Default::default(),
         transform: None,
         progress: &mut progress,
+        keep: &[],
     };
     let reader = hlod_scan::ScanReader::open_within(&path, options).expect("a valid file");
     let again = crate::read_all(reader).expect("a valid file");
@@ -176,6 +177,7 @@ fn reads_the_same_in_any_room() {
         colour: Default::default(),
         transform: None,
         progress: &mut |_| false,
+        keep: &[],
     };
     let stopped = hlod_scan::ScanReader::open_within(&path, options);
     assert!(matches!(stopped, Err(ScanError::Stopped { .. })));

@@ -328,3 +328,36 @@ fn points_nothing_and_slivers() {
         property list uchar int vertex_indices\nend_header\n3 0 1 2\n";
     assert!(matches!(refusal("a.ply", faces_only).0, ScanError::IndexOutOfRange { .. }));
 }
+
+/// Numbers that vertices have besides shape come as they are in every encoding and of every type; what is no
+/// number, and what a file does not have, is NaN.
+#[test]
+fn properties_that_are_asked_for_are_kept() {
+    let text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty uchar label\n\
+        property float y\nproperty double quality\nproperty float z\nproperty short depth\n\
+        element face 1\nproperty list uchar int vertex_indices\nend_header\n\
+        0 200 0 0.1 0 -7\n1 3 0 nan 0 8\n0 4 1 inf 0 9\n3 0 1 2\n";
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ply");
+    std::fs::write(&path, text).unwrap();
+    let read = |keep: &[&str]| {
+        let keep: Vec<String> = keep.iter().map(|name| name.to_string()).collect();
+        let progress = &mut |_| true;
+        let scratch = folder.path();
+        let options = hlod_scan::ReadOptions { memory_bytes: 0, scratch, progress, keep: &keep };
+        let mut reader = hlod_scan::ScanReader::open_within(&path, options).unwrap();
+        assert_eq!(reader.header().scalars, ["label", "quality", "depth"]);
+        let hlod_scan::Batch::Vertices(batch) = reader.next_batch().unwrap().unwrap() else {
+            panic!("vertices come first");
+        };
+        while reader.next_batch().unwrap().is_some() {}
+        (batch.scalars, reader.report().skipped.clone())
+    };
+    let (scalars, skipped) = read(&["quality", "none", "label"]);
+    assert_eq!((scalars[0][0], scalars[2].as_slice()), (0.1, &[200.0, 3.0, 4.0][..]));
+    assert!(scalars[0][1].is_nan() && scalars[0][2].is_nan());
+    assert!(scalars[1].iter().all(|v| v.is_nan()) && scalars[1].len() == 3);
+    assert_eq!(skipped, ["property vertex.depth"]);
+    let (scalars, skipped) = read(&[]);
+    assert!(scalars.is_empty() && skipped.len() == 3);
+}
