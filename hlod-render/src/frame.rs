@@ -22,7 +22,7 @@ use crate::select::{Front, Selection, View, corners, select};
 use crate::skeleton::{ChildLink, Node};
 use crate::survey::Survey;
 use crate::traced::Tracer;
-use crate::uniform::{skirt, uniform};
+use crate::uniform::{scalar, skirt, uniform};
 
 /// What a frame drew, for statistics and benchmark records.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -203,6 +203,7 @@ impl Renderer {
                 let (width, height) = targets.window().picture();
                 let view = View::new(&shot.camera, world_from_model, width, height);
                 uniform.points.w = step as f32;
+                uniform.scalar = scalar(shot.paint, model.header());
                 uniform.skirt = skirt(front, &world_from_model, step, shot, targets);
                 uniforms.push((uniform, buffers));
                 model_of.push(m);

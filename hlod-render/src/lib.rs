@@ -17,6 +17,7 @@ pub mod audit;
 pub mod bench;
 pub mod camera;
 pub mod casters;
+pub mod colour_map;
 mod edges;
 mod error;
 pub mod figure;
