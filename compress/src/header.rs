@@ -17,8 +17,9 @@ const MAGIC: [u8; 8] = *b"HLOD\r\n\x1a\n";
 /// | version | since then there are |
 /// |---|---|
 /// | 1 | triangles, points, normals, colours |
-/// | 2 | metadata, kept scalars |
-pub const FORMAT_VERSION: u32 = 2;
+/// | 2 | metadata |
+/// | 3 | kept scalars |
+pub const FORMAT_VERSION: u32 = 3;
 
 /// No header is longer; a first read of this size always holds all of it.
 pub const HEADER_BYTES_MAX: usize = 64 * 1024;
@@ -146,7 +147,9 @@ pub struct Header {
 impl Header {
     /// The version of a file with this header: the oldest that can say what is in it.
     pub fn format_version(&self) -> u32 {
-        if self.metadata.is_some() || self.scalars().next().is_some() { 2 } else { 1 }
+        let scalars = self.scalars().next().map(|_| 3);
+        let metadata = self.metadata.as_ref().map(|_| 2);
+        scalars.or(metadata).unwrap_or(1)
     }
 
     /// The kept scalars, by name, in the order of [`crate::Scalars`].
@@ -387,7 +390,7 @@ fn attribute(r: &mut ByteReader<'_>, version: u32) -> Result<AttributeDeclaratio
     let kind = match kind {
         1 => AttributeType::OctNormal,
         2 => AttributeType::Srgba8,
-        3 if version >= 2 => AttributeType::Scalar(ScalarRange::read(r)?),
+        3 if version >= 3 => AttributeType::Scalar(ScalarRange::read(r)?),
         _ => return Err(bad("unknown attribute type")),
     };
     Ok(AttributeDeclaration { name, kind, domain })

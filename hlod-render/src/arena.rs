@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use hlod_compress::Scalars;
 use range_alloc::RangeAllocator;
 
 use crate::edges::NO_VERTEX;
@@ -21,6 +22,8 @@ pub(crate) struct Arena {
     pub(crate) across: wgpu::Buffer,
     /// One RGBA8 a vertex; a single entry where the model has no colours.
     pub(crate) colours: wgpu::Buffer,
+    /// Codes of kept numbers, 16 bits each; a single entry where the model has none.
+    pub(crate) scalars: wgpu::Buffer,
     free_vertices: RangeAllocator<u32>,
     free_triangles: RangeAllocator<u32>,
 }
@@ -31,12 +34,14 @@ pub(crate) struct ArenaSize {
     pub(crate) vertices: u32,
     pub(crate) triangles: u32,
     pub(crate) has_colours: bool,
+    pub(crate) has_scalars: bool,
 }
 
 const VERTEX_BYTES: u64 = 16;
 const TRIANGLE_BYTES: u64 = 12;
 const EDGE_BYTES: u64 = 12;
 const COLOUR_BYTES: u64 = 4;
+const SCALARS_BYTES: u64 = size_of::<Scalars>() as u64;
 /// Bytes of one buffer at most.
 const BUFFER_BYTES_MAX: u64 = 128 << 20;
 // An index of a skirt says more than a vertex' number.
@@ -58,7 +63,13 @@ impl ArenaSize {
             vertices: fit(vertices, VERTEX_BYTES),
             triangles: fit(primitives, TRIANGLE_BYTES),
             has_colours,
+            has_scalars: false,
         }
+    }
+
+    /// With room for kept numbers, where the model has any.
+    pub(crate) fn with_scalars(self, has_scalars: bool) -> ArenaSize {
+        ArenaSize { has_scalars, ..self }
     }
 
     /// Smaller, where two would not fit into so many bytes; but never so small that usual pages do
@@ -84,7 +95,8 @@ impl ArenaSize {
 
     pub(crate) fn bytes(&self) -> u64 {
         let colours = if self.has_colours { COLOUR_BYTES } else { 0 };
-        u64::from(self.vertices) * (VERTEX_BYTES + colours)
+        let scalars = if self.has_scalars { SCALARS_BYTES } else { 0 };
+        u64::from(self.vertices) * (VERTEX_BYTES + colours + scalars)
             + u64::from(self.triangles) * (TRIANGLE_BYTES + EDGE_BYTES)
     }
 }
@@ -130,11 +142,13 @@ impl Arena {
             })
         };
         let coloured = if size.has_colours { u64::from(size.vertices) } else { 1 };
+        let numbered = if size.has_scalars { u64::from(size.vertices) } else { 1 };
         Arena {
             vertices: buffer("vertices", u64::from(size.vertices) * VERTEX_BYTES),
             indices: buffer("indices", u64::from(size.triangles) * TRIANGLE_BYTES),
             across: buffer("edges", u64::from(size.triangles) * EDGE_BYTES),
             colours: buffer("colours", coloured * COLOUR_BYTES),
+            scalars: buffer("kept numbers", numbered * SCALARS_BYTES),
             free_vertices: RangeAllocator::new(0..size.vertices),
             free_triangles: RangeAllocator::new(0..size.triangles),
         }
@@ -173,6 +187,10 @@ impl Arena {
         if !mesh.colours.is_empty() {
             let colours = bytemuck::cast_slice(&mesh.colours);
             write(&self.colours, at(vertices.start, COLOUR_BYTES), colours);
+        }
+        if !mesh.scalars.is_empty() {
+            let scalars = bytemuck::cast_slice(&mesh.scalars);
+            write(&self.scalars, at(vertices.start, SCALARS_BYTES), scalars);
         }
         let primitives = triangles.start..triangles.start + primitive_count.max(1);
         // An empty page has a triangle that is never drawn.

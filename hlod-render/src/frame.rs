@@ -23,7 +23,7 @@ use crate::select::{Front, Selection, View, corners, select};
 use crate::skeleton::{ChildLink, Node};
 use crate::survey::Survey;
 use crate::traced::Tracer;
-use crate::uniform::{skirt, uniform};
+use crate::uniform::{scalar, skirt, uniform};
 
 /// What a frame drew, for statistics and benchmark records.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -202,6 +202,7 @@ impl Renderer {
                 };
                 let view = View::of_shot(shot, world_from_model, targets.window().picture());
                 uniform.points.w = step as f32;
+                uniform.scalar = scalar(shot.paint, model.header());
                 uniform.skirt = skirt(front, &world_from_model, step, shot, targets);
                 // Open scans have no inside.
                 uniform.bias.w = f32::from(u8::from(model.is_closed() && !shot.clip.is_none()));

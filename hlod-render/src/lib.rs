@@ -18,6 +18,7 @@ pub mod bench;
 pub mod camera;
 pub mod casters;
 pub mod clip;
+pub mod colour_map;
 mod edges;
 mod error;
 pub mod figure;

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use bytemuck::{Pod, Zeroable};
 use hlod_compress::{
     BlockRef, CellKey, FormatError, Header, Lattice, PageContent, PageRef, PointRadius, Points,
-    RepresentationKind, SkeletonBlock, decode_page,
+    RepresentationKind, Scalars, SkeletonBlock, decode_page,
 };
 
 use crate::edges::across;
@@ -89,6 +89,8 @@ pub struct GpuMesh {
     pub vertices: Vec<GpuVertex>,
     /// sRGB and alpha, or empty.
     pub colours: Vec<[u8; 4]>,
+    /// Kept numbers, or empty.
+    pub scalars: Vec<Scalars>,
     /// Three a triangle, counted from the mesh's first vertex; of skirts with the marks of
     /// [`crate::skirts`].
     pub indices: Vec<u32>,
@@ -150,8 +152,23 @@ pub fn decode(part: &Part, bytes: &[u8], header: &Header) -> Result<Loaded, Form
             };
             let mut colours = mesh.colours;
             colours.extend(&points.colours);
+            let mut scalars = mesh.scalars;
+            if header.scalars().next().is_some() {
+                // Pages without any value say nothing of them; their place may have been another's.
+                scalars.resize(mesh.positions.len(), Scalars::default());
+                scalars.extend(&points.scalars);
+                scalars.resize(vertices.len(), Scalars::default());
+            }
             let (radii, prefixes) = radii(&points, lattice.step);
-            Ok(Loaded::Mesh(GpuMesh { vertices, colours, indices, across, radii, prefixes }))
+            Ok(Loaded::Mesh(GpuMesh {
+                vertices,
+                colours,
+                scalars,
+                indices,
+                across,
+                radii,
+                prefixes,
+            }))
         }
     }
 }

@@ -109,6 +109,7 @@ impl Model {
             known
         };
         let arena_size = ArenaSize::for_model(gpu, vertices, primitives, header.has_colours())
+            .with_scalars(header.scalars().next().is_some())
             .within(limits.gpu_bytes);
 
         let mut model = Model {

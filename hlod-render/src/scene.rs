@@ -1,7 +1,7 @@
 //! What is lit how, and seen from where.
 
 use glam::{DVec2, DVec3, Vec3};
-use hlod_compress::{Header, Primitives, RepresentationKind};
+use hlod_compress::{Header, Primitives, RepresentationKind, ScalarRange};
 
 use crate::camera::Camera;
 use crate::clip::ClipPlanes;
@@ -110,11 +110,32 @@ pub enum Paint {
     Depth,
     /// Lines where nodes end, and the skirts that close the seams between them.
     Borders,
+    /// A colour for each number that was kept with the scan: the file's first one, or another. Files without it
+    /// are shaded.
+    Scalar(u8),
 }
 
 impl Paint {
-    /// All of them.
+    /// All that every file has.
     pub const ALL: [Paint; 3] = [Paint::Shaded, Paint::Depth, Paint::Borders];
+
+    /// Of a name on the command line: one of [`Paint::ALL`], or of the numbers that the file keeps, which
+    /// can be told apart by `value:` before them.
+    ///
+    /// # Errors
+    /// What was expected.
+    pub fn of_name(name: &str, header: &Header) -> Result<Paint, String> {
+        let scalars: Vec<&str> = header.scalars().map(|(name, _)| name).collect();
+        let of_value = name.strip_prefix("value:");
+        let usual = Paint::ALL.into_iter().find(|p| p.name() == name && of_value.is_none());
+        let wanted = of_value.unwrap_or(name);
+        let kept = || scalars.iter().position(|scalar| *scalar == wanted);
+        usual.or_else(|| kept().map(|k| Paint::Scalar(k as u8))).ok_or_else(|| {
+            let usual = Paint::ALL.iter().map(|p| p.name());
+            let all: Vec<&str> = usual.chain(scalars.iter().copied()).collect();
+            format!("--paint {name}: this file has {}", all.join(", "))
+        })
+    }
 
     /// Name on the command line.
     pub fn name(self) -> &'static str {
@@ -122,7 +143,56 @@ impl Paint {
             Paint::Shaded => "shaded",
             Paint::Depth => "depth",
             Paint::Borders => "borders",
+            Paint::Scalar(_) => "value",
         }
+    }
+}
+
+/// A number that was kept with the scan, and what its colours stand for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Painted {
+    /// Its name in the scan, without what would break lines.
+    pub name: String,
+    /// What it is in; empty where nobody said.
+    pub unit: String,
+    /// The least and the largest value; `None` where no vertex has any.
+    pub bounds: Option<[f64; 2]>,
+}
+
+impl Painted {
+    /// Those of a file, in order.
+    pub fn all(header: &Header) -> Vec<Painted> {
+        let printable = |text: &str| -> String {
+            text.chars().map(|c| if c.is_control() { '?' } else { c }).collect()
+        };
+        let painted = |(name, range): (&str, &ScalarRange)| Painted {
+            name: printable(name),
+            unit: printable(&range.unit),
+            bounds: range.value(1.min(range.codes)).zip(range.value(range.codes)).map(|b| b.into()),
+        };
+        header.scalars().map(painted).collect()
+    }
+
+    /// Name and unit.
+    pub fn title(&self) -> String {
+        match self.unit.as_str() {
+            "" => self.name.clone(),
+            unit => format!("{}, {unit}", self.name),
+        }
+    }
+
+    /// The least and the largest value, to four digits of what lies between them.
+    pub fn ends(&self) -> [String; 2] {
+        let Some([low, high]) = self.bounds else { return ["–".into(), "–".into()] };
+        let span = (high - low).max(f64::MIN_POSITIVE);
+        let digits = (3 - span.log10().floor() as i32).clamp(0, 12) as usize;
+        [low, high].map(|value| {
+            let text = format!("{value:.digits$}");
+            match text.contains('.') {
+                true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+                false => text,
+            }
+        })
     }
 }
 

@@ -1,9 +1,10 @@
 //! What shaders are told of a frame.
 
 use glam::{DMat4, DVec2, Mat4, Vec4};
+use hlod_compress::Header;
 
 use crate::passes::{FrameUniform, Targets};
-use crate::scene::{Light, Shadow, Shot};
+use crate::scene::{Light, Paint, Shadow, Shot};
 use crate::select::Front;
 
 /// World units that a pixel shows at depth 1, or anywhere in parallel projection.
@@ -54,6 +55,7 @@ pub(crate) fn uniform(
         shadow: Vec4::new(flag(shot.shadow != Shadow::None), 0.0, 0.0, 0.0),
         bias: Vec4::new(0.0, flag(window.is_part), 0.0, 0.0),
         points: points_uniform(&clip_from_model, parallel, 0.0),
+        scalar: Vec4::ZERO,
         shading: Vec4::new(shot.material.ambient, flag(has_colours), flag(shot.backs_magenta), 1.0),
         // Known when all that is seen is.
         area: [0; 4],
@@ -62,6 +64,15 @@ pub(crate) fn uniform(
         clip: clip.planes,
         clip_colours: clip.colours,
     }
+}
+
+/// Which number is painted, and how its codes become 0 to 1: see `Frame` in `shared.wgsl`.
+pub(crate) fn scalar(paint: Paint, header: &Header) -> Vec4 {
+    let Paint::Scalar(k) = paint else { return Vec4::ZERO };
+    let Some((_, range)) = header.scalars().nth(k.into()) else { return Vec4::ZERO };
+    // Of equal numbers the colour is that of the least.
+    let steps = range.codes.saturating_sub(1).max(1);
+    Vec4::new(1.0 + f32::from(k), 1.0, 1.0 / f32::from(steps), 0.0)
 }
 
 /// Model lengths of a unit of clip.x, of clip.y, and of clip.w or, in parallel views, clip.z; and of a

@@ -2,6 +2,8 @@
 // its vertices are interpolated at the pixel's centre.
 
 @group(0) @binding(3) var<storage, read> colours: array<u32>;
+// Kept numbers: four codes of 16 bits a vertex.
+@group(0) @binding(4) var<storage, read> scalars: array<u32>;
 @group(1) @binding(0) var identities: texture_2d<u32>;
 // For each pixel, how much of the light is hidden from its point.
 @group(1) @binding(1) var<storage, read> occlusion: array<u32>;
@@ -22,6 +24,42 @@ fn linear_from_srgb(c: vec3<f32>) -> vec3<f32> {
 // Linear light.
 fn colour_of(vertex: u32) -> vec3<f32> {
     return linear_from_srgb(unpack4x8unorm(colours[vertex]).rgb);
+}
+
+// The code of the number that is painted; 0 where there is no value.
+fn code_of(vertex: u32) -> f32 {
+    let k = u32(frame.scalar.x) - 1u;
+    return f32((scalars[2u * vertex + (k >> 1u)] >> (16u * (k & 1u))) & 0xffffu);
+}
+
+// sRGB, of 0 to 1: see colour_map.rs in hlod-render.
+fn viridis(t: f32) -> vec3<f32> {
+    let c0 = vec3(0.27772733, 0.0054073445, 0.3340998);
+    let c1 = vec3(0.10509304, 1.4046135, 1.3845902);
+    let c2 = vec3(-0.33086183, 0.21484756, 0.09509516);
+    let c3 = vec3(-4.6342305, -5.799101, -19.33244);
+    let c4 = vec3(6.22827, 14.179933, 56.69055);
+    let c5 = vec3(4.776385, -13.745145, -65.35303);
+    let c6 = vec3(-5.4354558, 4.6458526, 26.312435);
+    return c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * c6)))));
+}
+
+// sRGB of what has no value.
+const NO_VALUE: f32 = 122.0 / 255.0;
+
+// Linear light, of a place among three vertices: what lies nearest to one without a value has none, and all
+// else the mean of those with one.
+fn number_colour(a: u32, b: u32, c: u32, w: vec3<f32>) -> vec3<f32> {
+    let codes = vec3(code_of(a), code_of(b), code_of(c));
+    let largest = max(w.x, max(w.y, w.z));
+    let nearest = select(select(codes.z, codes.y, w.y == largest), codes.x, w.x == largest);
+    if nearest == 0.0 {
+        return linear_from_srgb(vec3(NO_VALUE));
+    }
+    let known = select(vec3(0.0), w, codes > vec3(0.0));
+    let code = dot(known, codes) / (known.x + known.y + known.z);
+    let t = clamp((code - frame.scalar.y) * frame.scalar.z, 0.0, 1.0);
+    return linear_from_srgb(clamp(viridis(t), vec3(0.0), vec3(1.0)));
 }
 
 @fragment
@@ -70,6 +108,11 @@ fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32>
     }
     if back && frame.shading.w > 0.5 {
         n = -n;
+    }
+    if frame.scalar.x > 0.5 {
+        // No light of its own: colours are to be compared with the legend's. A little of the shape stays.
+        let facing = 0.55 + 0.45 * abs(dot(n, to_eye));
+        return vec4(number_colour(a, b, c, w) * facing, 1.0);
     }
 
     // Lambert, a little specular (Blinn 1977), and ambient light that comes from above the eye's

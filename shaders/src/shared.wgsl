@@ -27,6 +27,9 @@ struct Frame {
     // Points: model lengths of clip.x, of clip.y, and of clip.w (in parallel views of clip.z), and of a
     // lattice step.
     points: vec4<f32>,
+    // x: 1 + which kept number is painted, 0 for none; y: the code that is 0 on the map, z: by how much of
+    // it each further code is.
+    scalar: vec4<f32>,
     // The part of the picture in which anything is seen: its first pixel, its width and height.
     area: vec4<u32>,
     // x, y: size of the picture in pixels; z: number of the arena's first triangle; w: of its

@@ -9,7 +9,12 @@ use hlod_build::{KeptScalar, Selection, VerifyOptions, VerifyReport, export, inf
 use hlod_compress::{
     CellKey, HlodFile, PageContent, RepresentationKind, ScalarRange, Scalars, decode_page,
 };
-use hlod_scan::{Batch, ReadOptions, ScanReader};
+use hlod_render::colour_map::{NO_VALUE, viridis};
+use hlod_render::figure::{Sheet, orthographic};
+use hlod_render::framing::Framing;
+use hlod_render::scene::{Paint, Representation, Shot};
+use hlod_render::{Model, ModelLimits};
+use hlod_scan::{Batch, ColourSource, ReadOptions, ScanReader};
 use hlod_tests::{bumpy_ball, program};
 
 use crate::build::rayon_pool;
@@ -292,7 +297,7 @@ fn keeping_changes_no_shape() {
         assert!((a.error_max / b.error_max.max(1e-30) - 1.0).abs() < 0.2 || b.error_max == 0.0);
     }
     let version = |b: &Built| HlodFile::open(&b.file).unwrap().header().format_version();
-    assert_eq!((version(&kept), version(&plain)), (2, 1));
+    assert_eq!((version(&kept), version(&plain)), (3, 1));
 }
 
 #[test]
@@ -317,12 +322,123 @@ fn the_same_bytes_whatever_memory_and_threads() {
     }
 }
 
+/// A square of 2 × 2 in the plane z = 0, whose number is 10 · x, and none beyond y = 0.5.
+fn square(n: i32) -> String {
+    let mut vertices = String::new();
+    let mut faces = String::new();
+    let place = |i: i32| 2.0 * f64::from(i) / f64::from(n) - 1.0;
+    for y in 0..=n {
+        for x in 0..=n {
+            let value = if place(y) > 0.5 { f64::NAN } else { 10.0 * place(x) };
+            vertices += &format!("{} {} 0 {value}\n", place(x), place(y));
+            if x < n && y < n {
+                let v = y * (n + 1) + x;
+                faces += &format!(
+                    "3 {v} {} {}\n3 {} {} {}\n",
+                    v + 1,
+                    v + n + 1,
+                    v + 1,
+                    v + n + 2,
+                    v + n + 1
+                );
+            }
+        }
+    }
+    format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+         property float speed\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n{vertices}{faces}",
+        (n + 1) * (n + 1),
+        2 * n * n
+    )
+}
+
+/// What is seen of a plane from straight ahead has the legend's colours, pixel by pixel, at every level.
+#[test]
+fn pictures_have_the_colours_of_the_numbers() {
+    let folder = tempfile::tempdir().unwrap();
+    let [scan, file] = ["scan.ply", "scan.hlod"].map(|name| folder.path().join(name));
+    std::fs::write(&scan, square(60)).unwrap();
+    hlod_tests::built(&scan, &file, |o| {
+        (o.leaf_triangles, o.resolution) = (600, 32);
+        o.keep = keep(&["speed=m/s"]);
+    });
+    let gpu = hlod_tests::gpu();
+    for (representation, slack) in [(Representation::Full, 0.3), (Representation::Hybrid, 0.8)] {
+        let model = Model::open(&gpu, &file, ModelLimits::default()).unwrap();
+        let framing = Framing::of(&model);
+        let paint = Paint::of_name("speed", model.header()).unwrap();
+        let camera = orthographic(&framing, DVec3::Z, DVec3::Y, 2.0);
+        let shot = Shot { camera, paint, ..crate::pictures::shot(&framing, representation) };
+        const N: u32 = 200;
+        let mut sheet = Sheet::of(&shot, N, N);
+        let picture = sheet.picture(&gpu, &mut [model]).unwrap();
+        let at = |i: u32| (f64::from(i) + 0.5) / f64::from(N) * 2.0 - 1.0;
+        let (mut wrong, mut shifted, mut grey) = (0, 0, 0);
+        for y in 2..N - 2 {
+            for x in 2..N - 2 {
+                let pixel = &picture.rgba[4 * (y * N + x) as usize..][..3];
+                let up = -at(y);
+                let is_colour = |value: f64| {
+                    let near = |t: f64| {
+                        let colour = viridis(((value + t) / 20.0 + 0.5) as f32);
+                        (0..3).all(|i| pixel[i].abs_diff(colour[i]) <= 4)
+                    };
+                    [-slack, -slack / 2.0, 0.0, slack / 2.0, slack].into_iter().any(near)
+                };
+                if up > 0.6 {
+                    grey += usize::from(pixel == NO_VALUE);
+                } else if up < 0.4 {
+                    wrong += usize::from(!is_colour(10.0 * at(x)));
+                    shifted += usize::from(!is_colour(10.0 * at(x) + 4.0 * slack));
+                }
+            }
+        }
+        let pixels = ((N - 4) * (N - 4)) as usize;
+        assert!(wrong < pixels / 100, "{representation:?}: {wrong} of {pixels}");
+        assert!(shifted > pixels / 2, "{representation:?}: {shifted} of {pixels}");
+        assert!(grey > pixels / 6, "{representation:?}: {grey} of {pixels}");
+        // Parts have what the whole has.
+        sheet.part_px = Some(37);
+        let model = Model::open(&gpu, &file, ModelLimits::default()).unwrap();
+        assert!(sheet.picture(&gpu, &mut [model]).unwrap().rgba == picture.rgba);
+    }
+}
+
+#[test]
+fn shots_have_a_legend_and_refuse_other_names() {
+    let b = built(&bumpy_ball(40), &["height=mm", "label"]);
+    let shot = |paint: &str, output: &str| {
+        let mut command = program("hlod-render");
+        command.current_dir(b.folder.path()).args(["--software", "-q", "shot"]).arg(&b.file);
+        command.args(["--size", "300x200", "--paint", paint, "-o", output]).output().unwrap()
+    };
+    let output = shot("height", "a.png");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(shot("value:label", "b.png").status.success());
+    let png = std::fs::File::open(b.folder.path().join("a.png")).unwrap();
+    let mut reader = png::Decoder::new(std::io::BufReader::new(png)).read_info().unwrap();
+    let texts = reader.info().utf8_text.clone();
+    let description = texts.iter().find(|t| t.keyword == "Description").unwrap();
+    assert!(description.get_text().unwrap().contains("colours: height, mm from -98"));
+    let mut rgba = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut rgba).unwrap();
+    // The ends of the legend's bar are the ends of the map.
+    let has = |colour: [u8; 3]| rgba.chunks_exact(4).any(|p| p[..3] == colour);
+    assert!(has(viridis(0.005)) && has(viridis(0.995)));
+    let output = shot("quality", "c.png");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("this file has shaded, depth, borders, height, label"), "{said}");
+}
+
 fn read_back(path: &Path, name: &str) -> Vec<Row2> {
     let keep = [name.to_owned()];
     let folder = std::env::temp_dir();
     let options = ReadOptions {
         memory_bytes: 1 << 20,
         scratch: &folder,
+        colour: ColourSource::Auto,
+        transform: None,
         progress: &mut |_| true,
         keep: &keep,
     };

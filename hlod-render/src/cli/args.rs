@@ -9,7 +9,7 @@ use super::section::SectionArgs;
 use super::work::{MeasureArgs, NotesArgs, SessionArgs};
 use hlod_render::camera::Camera;
 use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
-use hlod_render::scene::{CASTER_THRESHOLD_PX, Light, Paint, Representation, Shadow};
+use hlod_render::scene::{CASTER_THRESHOLD_PX, Light, Representation, Shadow};
 use hlod_render::{AdapterChoice, Gpu, ModelLimits, RenderError};
 
 use super::figure_args::{FigureArgs, LightDomeArgs, PlateArgs, TurntableArgs};
@@ -151,23 +151,6 @@ impl ShadowArg {
 }
 
 #[derive(Clone, Copy, ValueEnum)]
-pub enum PaintArg {
-    Shaded,
-    Depth,
-    Borders,
-}
-
-impl PaintArg {
-    pub fn paint(self) -> Paint {
-        match self {
-            PaintArg::Shaded => Paint::Shaded,
-            PaintArg::Depth => Paint::Depth,
-            PaintArg::Borders => Paint::Borders,
-        }
-    }
-}
-
-#[derive(Clone, Copy, ValueEnum)]
 pub enum RepresentationArg {
     /// Levels of detail as the file has them: triangles, points, or both.
     Hybrid,
@@ -274,10 +257,11 @@ pub struct ShotArgs {
     pub camera: String,
     #[command(flatten)]
     pub draw: DrawArgs,
-    /// What pixels are painted with: the surface in its light, the depth of the level of detail
-    /// that is seen, or lines where nodes end with the skirts between them.
-    #[arg(long, value_enum, default_value = "shaded")]
-    pub paint: PaintArg,
+    /// What pixels are painted with: shaded, the surface in its light; depth, of the level of detail
+    /// that is seen; borders, lines where nodes end with the skirts between them; or a number that the
+    /// file keeps, by its name, with a legend.
+    #[arg(long, value_name = "PAINT", default_value = "shaded")]
+    pub paint: String,
     /// Average N × N samples a pixel, for smooth edges.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub supersampling: u32,

@@ -2,17 +2,17 @@
 
 use std::path::Path;
 
-use hlod_compress::Unit;
+use hlod_compress::{Header, Unit};
 use hlod_render::camera::{Camera, Projection};
 use hlod_render::figure::plate::{Plate, Side};
 use hlod_render::figure::scale::{Scale, millimetres, unit_of};
 use hlod_render::figure::{
     Drawn, Font, Provenance, ScaleBar, Series, Sheet, bar_for_plane, check_folder, check_output,
-    command_line, extent, fitting, light_dome, orthographic, save, turntable,
+    command_line, extent, fitting, legend, light_dome, orthographic, save, turntable,
 };
 use hlod_render::framing::Framing;
 use hlod_render::leaves::Leaves;
-use hlod_render::scene::Shot;
+use hlod_render::scene::{Paint, Painted, Shot};
 use hlod_render::section::{Plane, cut};
 use hlod_render::{Gpu, Model};
 
@@ -69,7 +69,8 @@ pub fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
     let viewpoint = view.as_ref().map(|(view, _)| view.viewpoint.camera(&opened.framing));
     let (camera, (width, height)) = shot_camera(args, viewpoint, &opened.framing, scale, unit)?;
     let mut shot = shot(&args.draw, camera, &opened.framing)?;
-    shot.paint = args.paint.paint();
+    let header = opened.models[0].header();
+    shot.paint = Paint::of_name(&args.paint, header).map_err(Failure::Usage)?;
     if let Some((view, clip)) = &view {
         let lit = view.looks.apply(shot, &opened.framing);
         shot = lit.cut_open(*clip);
@@ -88,8 +89,16 @@ pub fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
         sheet.height += (f64::from(lines) * 1.3 * text_px) as u32;
     }
     annotate(&mut sheet, figure, text_px, &opened.framing, unit)?;
+    let painted = painted(&shot, opened.models[0].header());
+    if let Some(painted) = &painted {
+        add_legend(&mut sheet, painted, text_px)?;
+    }
     sheet.check()?;
     let provenance = &mut opened.provenance;
+    if let Some(painted) = &painted {
+        let [low, high] = painted.ends();
+        provenance.add("colours", &format!("{} from {low} to {high}, viridis", painted.title()));
+    }
     if let Some(scale) = scale {
         provenance.add("scale", &format!("{} at {} dpi", scale.name(), scale.dpi));
     }
@@ -164,6 +173,29 @@ fn text_px(sheet: &Sheet, scale: Option<Scale>) -> f64 {
     text_px.round().clamp(8.0, 2000.0)
 }
 
+/// The number that is painted, if one is.
+fn painted(shot: &Shot, header: &Header) -> Option<Painted> {
+    let Paint::Scalar(k) = shot.paint else { return None };
+    Painted::all(header).into_iter().nth(k.into())
+}
+
+/// What colours stand for, at the lower right.
+fn add_legend(sheet: &mut Sheet, painted: &Painted, text_px: f64) -> Outcome {
+    let margin = (text_px * 0.8) as i64;
+    let corner = (i64::from(sheet.width) - margin, i64::from(sheet.height) - margin);
+    let width = (sheet.width / 3).max(1);
+    let marks = legend(painted, &Font::new()?, corner, (width, text_px), ink_on(sheet));
+    sheet.marks.extend(marks);
+    Ok(())
+}
+
+/// Black on what is light, white on what is dark; nobody knows what is behind what is transparent.
+fn ink_on(sheet: &Sheet) -> [u8; 3] {
+    let is_dark =
+        !sheet.transparent && sheet.paper.iter().map(|c| u32::from(*c)).sum::<u32>() < 384;
+    if is_dark { [255; 3] } else { [0; 3] }
+}
+
 /// Bar and caption at the lower left.
 fn annotate(
     sheet: &mut Sheet,
@@ -172,10 +204,7 @@ fn annotate(
     framing: &Framing,
     unit: Unit,
 ) -> Outcome {
-    // Black on what is light, white on what is dark; nobody knows what is behind what is transparent.
-    let is_dark =
-        !sheet.transparent && sheet.paper.iter().map(|c| u32::from(*c)).sum::<u32>() < 384;
-    let ink = if is_dark { [255; 3] } else { [0; 3] };
+    let ink = ink_on(sheet);
     let margin = (text_px * 0.8) as u32;
     let mut y = sheet.height.saturating_sub(margin);
     let font = Font::new()?;

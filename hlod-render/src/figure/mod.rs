@@ -8,6 +8,7 @@
 mod camera;
 mod file;
 mod font;
+mod legend;
 pub mod light_dome;
 mod marks;
 mod outline;
@@ -23,6 +24,7 @@ pub mod turntable;
 pub use camera::{extent, fitting, orthographic};
 pub use file::{Format, check_output, save};
 pub use font::Font;
+pub use legend::legend;
 pub use marks::Mark;
 pub use provenance::{Provenance, command_line};
 pub use scale_bar::{ScaleBar, bar_for_plane};

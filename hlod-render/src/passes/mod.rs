@@ -54,6 +54,9 @@ pub struct FrameUniform {
     /// Points: model lengths of clip.x, of clip.y, and of clip.w or, in parallel views, clip.z; and of a
     /// lattice step.
     pub points: Vec4,
+    /// 1 + which kept number is painted, or 0; the code that is 0 on the map, and what it rises by from one code
+    /// to the next.
+    pub scalar: Vec4,
     /// The part of the picture in which anything is seen: first pixel, width, height.
     pub area: [u32; 4],
     /// Width, height, number of the arena's first triangle, and of its first chunk.
@@ -185,6 +188,7 @@ impl Passes {
                 storage(1, every),
                 storage(2, every),
                 storage(3, wgpu::ShaderStages::FRAGMENT),
+                storage(4, wgpu::ShaderStages::FRAGMENT),
             ],
         });
         let identity_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
@@ -441,7 +445,8 @@ impl Passes {
             }
             _ => {}
         }
-        let is_explained = shot.paint != Paint::Shaded && !drawn.parts.is_empty();
+        let explains = matches!(shot.paint, Paint::Depth | Paint::Borders);
+        let is_explained = explains && !drawn.parts.is_empty();
         let explained =
             is_explained.then(|| self.explain.parts(gpu, drawn.parts, targets.identity_view()));
         {
@@ -517,6 +522,7 @@ fn geometry_group(
         entry(1, &arena.vertices),
         entry(2, &arena.indices),
         entry(3, &arena.colours),
+        entry(4, &arena.scalars),
     ];
     gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
         label: Some("geometry"),

@@ -62,6 +62,15 @@ pub enum PaintName {
     Shaded,
     Depth,
     Borders,
+    /// The first of the numbers that the file keeps.
+    #[serde(rename = "value-1")]
+    Value1,
+    #[serde(rename = "value-2")]
+    Value2,
+    #[serde(rename = "value-3")]
+    Value3,
+    #[serde(rename = "value-4")]
+    Value4,
 }
 
 /// A bookmark.
@@ -232,6 +241,10 @@ impl From<Paint> for PaintName {
             Paint::Shaded => PaintName::Shaded,
             Paint::Depth => PaintName::Depth,
             Paint::Borders => PaintName::Borders,
+            Paint::Scalar(0) => PaintName::Value1,
+            Paint::Scalar(1) => PaintName::Value2,
+            Paint::Scalar(2) => PaintName::Value3,
+            Paint::Scalar(_) => PaintName::Value4,
         }
     }
 }
@@ -242,6 +255,10 @@ impl From<PaintName> for Paint {
             PaintName::Shaded => Paint::Shaded,
             PaintName::Depth => Paint::Depth,
             PaintName::Borders => Paint::Borders,
+            PaintName::Value1 => Paint::Scalar(0),
+            PaintName::Value2 => Paint::Scalar(1),
+            PaintName::Value3 => Paint::Scalar(2),
+            PaintName::Value4 => Paint::Scalar(3),
         }
     }
 }

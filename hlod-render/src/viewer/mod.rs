@@ -21,6 +21,7 @@ mod bindings;
 mod depth;
 mod gui;
 mod input;
+mod legend;
 mod light;
 mod navigation;
 mod other;

@@ -3,12 +3,13 @@
 use egui::{Align2, Color32, FontId, Grid, RichText, Slider, Ui};
 
 use super::bindings::{Action, HELP};
+use super::legend;
 use super::light::{Lamp, PRESETS, RAKING_DEG};
 use super::settings::Settings;
 use super::work::{Work, desk, desk::Wishes, overlay::Overlay};
 use crate::frame::FrameStats;
 use crate::framing::NAMED_VIEWS;
-use crate::scene::{Material, Paint, Representation, Shadow};
+use crate::scene::{Material, Paint, Painted, Representation, Shadow};
 use crate::session::LightFrame;
 
 /// Width of the panel in points.
@@ -21,6 +22,8 @@ pub struct Readings {
     pub adapter: String,
     /// Whether the statue is a point cloud.
     pub is_cloud: bool,
+    /// Numbers that the file keeps.
+    pub scalars: Vec<Painted>,
     /// Whether that is no GPU.
     pub software: bool,
     /// What the last frame drew.
@@ -98,6 +101,7 @@ pub fn show(
         swipe_line(ui, rect, name, *swipe as f32);
     }
     status_line(ui, rect, readings);
+    legend::draw(ui, rect, settings.paint, &readings.scalars);
     corner_buttons(ui, rect, settings, &mut wishes.actions);
     if settings.help_open {
         help(ui, &mut wishes.actions);
@@ -127,7 +131,7 @@ fn contents(
     section(ui, "Saved views", |ui| desk::views(ui, work, wishes));
     section(ui, "Precision", |ui| precision(ui, settings, readings));
     section(ui, "Light", |ui| light(ui, settings, readings, wishes));
-    section(ui, "Looks", |ui| looks(ui, settings));
+    section(ui, "Looks", |ui| looks(ui, settings, readings));
     section(ui, "Measure", |ui| desk::measurements(ui, work, wishes));
     section(ui, "Sections", |ui| desk::sections(ui, work, wishes));
     section(ui, "Notes", |ui| desk::notes(ui, work, wishes));
@@ -271,13 +275,14 @@ fn angle(value: &mut f64, most: f64) -> Slider<'_> {
         .clamping(egui::SliderClamping::Edits)
 }
 
-fn looks(ui: &mut Ui, settings: &mut Settings) {
+fn looks(ui: &mut Ui, settings: &mut Settings, readings: &Readings) {
     ui.horizontal_wrapped(|ui| {
         for paint in Paint::ALL {
             ui.selectable_value(&mut settings.paint, paint, paint.name())
                 .on_hover_text("shaded; levels of detail by colour; where nodes end");
         }
     });
+    legend::choose(ui, &mut settings.paint, &readings.scalars);
     let Material { ambient, highlight, .. } = &mut settings.material;
     ui.add(Slider::new(ambient, 0.0..=0.6).max_decimals(2).text("ambient"));
     ui.add(Slider::new(highlight, 0.0..=0.5).max_decimals(2).text("highlight"));

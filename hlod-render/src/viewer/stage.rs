@@ -22,7 +22,7 @@ use crate::framing::Framing;
 use crate::gpu::Gpu;
 use crate::model::{Model, ModelLimits};
 use crate::passes::check_shadows;
-use crate::scene::{Representation, Shadow, Shot};
+use crate::scene::{Painted, Representation, Shadow, Shot};
 use crate::session::{LightFrame, Session, Viewpoint};
 
 /// More problems than anyone reads.
@@ -404,6 +404,7 @@ impl Stage {
         Readings {
             adapter: gpu.describe(),
             is_cloud: self.models[0].is_cloud(),
+            scalars: Painted::all(self.models[0].header()),
             software: gpu.info.device_type == wgpu::DeviceType::Cpu,
             stats: self.stats,
             frame_ms: self.clock.last_ms(),

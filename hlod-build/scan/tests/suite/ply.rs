@@ -344,7 +344,14 @@ fn properties_that_are_asked_for_are_kept() {
         let keep: Vec<String> = keep.iter().map(|name| name.to_string()).collect();
         let progress = &mut |_| true;
         let scratch = folder.path();
-        let options = hlod_scan::ReadOptions { memory_bytes: 0, scratch, progress, keep: &keep };
+        let options = hlod_scan::ReadOptions {
+            memory_bytes: 0,
+            scratch,
+            colour: hlod_scan::ColourSource::Auto,
+            transform: None,
+            progress,
+            keep: &keep,
+        };
         let mut reader = hlod_scan::ScanReader::open_within(&path, options).unwrap();
         assert_eq!(reader.header().scalars, ["label", "quality", "depth"]);
         let hlod_scan::Batch::Vertices(batch) = reader.next_batch().unwrap().unwrap() else {

@@ -207,6 +207,7 @@ fn read_within(
         colour,
         transform: None,
         progress: &mut |_| true,
+        keep: &[],
     };
     read_all(ScanReader::open_within(path, options)?)
 }

@@ -1,0 +1,63 @@
+//! Colours for numbers: viridis, whose steps look equally large, also to those who see fewer colours and in
+//! print without any (Smith & van der Walt, *A Better Default Colormap for Matplotlib*, SciPy 2015; CC0).
+//!
+//! As polynomials of the sixth degree, with coefficients of M. Zucker (2019, `shadertoy.com/view/WlfXRN`, CC0),
+//! which are never farther than 3 of 255 from the table; `shaders/src/shade.wgsl` has the same.
+
+/// Coefficients of 1, t, t², … for red, green and blue.
+const COEFFICIENTS: [[f32; 3]; 7] = [
+    [0.277_727_33, 0.005_407_34, 0.334_099_8],
+    [0.105_093_04, 1.404_613_5, 1.384_590_2],
+    [-0.330_861_83, 0.214_847_56, 0.095_095_16],
+    [-4.634_230_5, -5.799_101, -19.332_44],
+    [6.228_27, 14.179_933, 56.690_55],
+    [4.776_385, -13.745_145, -65.353_03],
+    [-5.435_456, 4.645_852_6, 26.312_435],
+];
+
+/// sRGB where there is no value: grey, which the map has nowhere.
+pub const NO_VALUE: [u8; 3] = [122, 122, 122];
+
+/// sRGB of a number's place between the least, 0, and the largest, 1.
+pub fn viridis(t: f32) -> [u8; 3] {
+    let t = t.clamp(0.0, 1.0);
+    std::array::from_fn(|i| {
+        let value = COEFFICIENTS.iter().rev().fold(0.0, |sum, c| sum * t + c[i]);
+        (value.clamp(0.0, 1.0) * 255.0).round() as u8
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hlod_compress::srgb::linear_from_srgb;
+
+    /// Of matplotlib's table.
+    #[test]
+    fn it_is_viridis() {
+        for (t, table) in [
+            (0.0, [68, 1, 84]),
+            (0.25, [59, 82, 139]),
+            (0.5, [33, 145, 140]),
+            (0.75, [94, 201, 98]),
+            (1.0, [253, 231, 37]),
+        ] {
+            let found = viridis(t);
+            assert!((0..3).all(|i| found[i].abs_diff(table[i]) <= 3), "{t}: {found:?} {table:?}");
+        }
+        assert_eq!((viridis(-1.0), viridis(2.0)), (viridis(0.0), viridis(1.0)));
+    }
+
+    /// Lightness grows from end to end: the order is seen without colours.
+    #[test]
+    fn more_is_lighter() {
+        let lightness = |t: f32| {
+            let [r, g, b] = viridis(t).map(linear_from_srgb);
+            0.2126 * r + 0.7152 * g + 0.0722 * b
+        };
+        for i in 0..64 {
+            let (here, next) = (i as f32 / 64.0, (i + 1) as f32 / 64.0);
+            assert!(lightness(next) > lightness(here), "{here}");
+        }
+    }
+}
