@@ -17,8 +17,18 @@ pub struct Cli {
     /// No progress bars and no remarks.
     #[arg(long, short, global = true)]
     pub quiet: bool,
+    /// How to tell on stderr how far the work is: bars, on a terminal; or a line of JSON at a time, for
+    /// other programs.
+    #[arg(long, global = true, value_enum, value_name = "KIND", default_value = "bars")]
+    pub progress: ProgressArg,
     #[command(subcommand)]
     pub command: Command,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum ProgressArg {
+    Bars,
+    Json,
 }
 
 #[derive(Subcommand)]

@@ -2,6 +2,7 @@
 
 pub mod args;
 mod progress_bar;
+mod progress_lines;
 mod tables;
 
 use std::io::Write;
@@ -66,7 +67,7 @@ mod outcome {
 }
 
 pub fn run(cli: &Cli) -> Outcome {
-    let progress = Bars::new(cli.quiet);
+    let progress = Bars::new(cli.quiet, cli.progress);
     match &cli.command {
         Command::Build(args) => run_build(args, &progress, cli.quiet),
         Command::Info(args) => {

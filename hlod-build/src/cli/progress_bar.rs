@@ -7,17 +7,23 @@ use std::time::Duration;
 use hlod_build::progress::{Progress, Unit};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-/// One bar a stage on stderr; nothing where stderr is not a terminal.
+use super::args::ProgressArg;
+use super::progress_lines::Lines;
+
+/// One bar a stage on stderr, nothing where stderr is not a terminal; or lines for another program.
 pub struct Bars {
     visible: bool,
+    lines: Option<Lines>,
     stopped: Arc<AtomicBool>,
     current: Mutex<ProgressBar>,
 }
 
 impl Bars {
-    pub fn new(quiet: bool) -> Bars {
+    pub fn new(quiet: bool, kind: ProgressArg) -> Bars {
+        let lines = matches!(kind, ProgressArg::Json).then(Lines::default);
         Bars {
-            visible: !quiet,
+            visible: !quiet && lines.is_none(),
+            lines: lines.filter(|_| !quiet),
             stopped: Arc::default(),
             current: Mutex::new(ProgressBar::hidden()),
         }
@@ -42,6 +48,9 @@ impl Bars {
 
 impl Progress for Bars {
     fn begin(&self, stage: &'static str, total: u64, unit: Unit) {
+        if let Some(lines) = &self.lines {
+            return lines.begin(stage, total, unit);
+        }
         // indicatif hides itself where stderr is not a terminal, and obeys NO_COLOR.
         let target =
             if self.visible { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
@@ -64,14 +73,23 @@ impl Progress for Bars {
     }
 
     fn advance(&self, count: u64) {
-        self.bar().inc(count);
+        match &self.lines {
+            Some(lines) => lines.advance(count),
+            None => self.bar().inc(count),
+        }
     }
 
     fn end(&self) {
-        self.bar().finish();
+        match &self.lines {
+            Some(lines) => lines.end(),
+            None => self.bar().finish(),
+        }
     }
 
     fn remark(&self, text: &str) {
+        if let Some(lines) = &self.lines {
+            lines.remark(text);
+        }
         if self.visible {
             self.bar().suspend(|| eprintln!("{text}"));
         }

@@ -179,13 +179,19 @@ impl RepresentationArg {
 #[derive(Args)]
 #[cfg(feature = "viewer")]
 pub struct ViewArgs {
-    /// The .hlod file, or its address on a web server, as in https://example.org/statue.hlod.
-    pub file: PathBuf,
+    /// The .hlod file, or its address on a web server, as in https://example.org/statue.hlod; without one
+    /// the window begins with a page to choose it, or to build a scan.
+    pub file: Option<PathBuf>,
     /// Size of the window in pixels.
     #[arg(long, value_name = "WxH", default_value = "1280x800", value_parser = size)]
     pub size: (u32, u32),
-    #[command(flatten)]
-    pub precision: PrecisionArgs,
+    /// Largest error on the screen in pixels (τ): smaller is finer and slower [default: as it was set in
+    /// the window last, or 1].
+    #[arg(long, value_name = "PX", value_parser = positive)]
+    pub tau: Option<f64>,
+    /// What is drawn of the file.
+    #[arg(long, value_enum, default_value = "hybrid")]
+    pub representation: RepresentationArg,
     /// AZIMUTH,ELEVATION of the light in degrees, relative to the picture: 0,0 comes from the eye,
     /// positive from the right and from above. It can be turned in the window [default: that of the
     /// session, or -45,45].
@@ -193,16 +199,16 @@ pub struct ViewArgs {
     pub light: Option<Numbers>,
     /// A second .hlod file, seen with the same camera in the same light to the right of a line that can be
     /// dragged; tools work on the first.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", requires = "file")]
     pub compare: Option<PathBuf>,
     /// Where views, measurements, sections and notes are kept [default: FILE.session.json beside the
     /// file, or in the user's data folder].
-    #[arg(long, value_name = "JSON")]
+    #[arg(long, value_name = "JSON", requires = "file")]
     pub session: Option<PathBuf>,
     /// What a frame may take while moving, in milliseconds: τ is raised up to four times to keep to
-    /// it, and restored at rest.
-    #[arg(long, value_name = "MS", default_value = "66", value_parser = positive)]
-    pub frame_time: f64,
+    /// it, and restored at rest [default: as it was set in the window last, or 66].
+    #[arg(long, value_name = "MS", value_parser = positive)]
+    pub frame_time: Option<f64>,
     /// Begin with shadows; H in the window shows and hides them.
     #[arg(long)]
     pub shadow: bool,

@@ -54,9 +54,9 @@ fn run_view(cli: &Cli, args: &args::ViewArgs) -> Outcome {
     run(ViewOptions {
         file: args.file.clone(),
         limits: args.memory.limits(),
-        error_threshold_px: args.precision.tau,
+        error_threshold_px: args.tau,
         frame_target_ms: args.frame_time,
-        representation: args.precision.representation.representation(),
+        representation: args.representation.representation(),
         light,
         session: args.session.clone(),
         compare: args.compare.clone(),

@@ -20,7 +20,7 @@ use hlod_compress::{Header, Metadata, Unit};
 use serde::{Deserialize, Serialize};
 
 pub use history::History;
-pub use store::{Saver, SessionFile, free_beside, load, place_of, save};
+pub use store::{Saver, SessionFile, free_beside, load, place_of, save, user_folder};
 pub use view::{LightFrame, Looks, PaintName, SavedView, ShadowName, Viewpoint};
 
 use crate::clip::{ClipPlanes, PLANES_MAX};

@@ -71,7 +71,7 @@ pub fn place_of(model: &Path) -> Result<SessionFile, RenderError> {
             return Ok(SessionFile { exists: beside.exists(), path: beside });
         }
     }
-    let folder = data_folder().ok_or_else(|| {
+    let folder = sessions_folder().ok_or_else(|| {
         RenderError::Usage("no folder for sessions: set HLOD_DATA_DIR, or HOME".into())
     })?;
     std::fs::create_dir_all(&folder).map_err(RenderError::io(&folder, "create"))?;
@@ -103,7 +103,7 @@ fn tempfile_in(folder: &Path) -> std::io::Result<()> {
 }
 
 /// `HLOD_DATA_DIR`, or `hlod` in the user's data folder.
-fn data_folder() -> Option<PathBuf> {
+pub fn user_folder() -> Option<PathBuf> {
     let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     if let Some(chosen) = variable("HLOD_DATA_DIR") {
         return Some(chosen);
@@ -115,7 +115,14 @@ fn data_folder() -> Option<PathBuf> {
     } else {
         variable("XDG_DATA_HOME").or_else(|| variable("HOME").map(|h| h.join(".local/share")))
     };
-    user.map(|folder| folder.join("hlod/sessions"))
+    user.map(|folder| folder.join("hlod"))
+}
+
+/// Where sessions are kept that cannot be beside their files.
+fn sessions_folder() -> Option<PathBuf> {
+    // A folder that was chosen for sessions has them in itself.
+    let chosen = std::env::var_os("HLOD_DATA_DIR").is_some_and(|v| !v.is_empty());
+    user_folder().map(|folder| if chosen { folder } else { folder.join("sessions") })
 }
 
 /// Saves sessions on a thread of its own, so that no frame waits for a disk.

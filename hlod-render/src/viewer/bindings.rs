@@ -55,6 +55,8 @@ pub enum Action {
     Redo,
     /// Takes the first problem off the list.
     DismissProblem,
+    /// Chooses another file.
+    Open,
     /// Closes the window.
     Quit,
 }
@@ -94,7 +96,7 @@ const fn control(character: &'static str, shift: bool, action: Action) -> Bindin
     Binding { pressed: Pressed::Character(character), control: true, shift, action }
 }
 
-const BINDINGS: [Binding; 50] = [
+const BINDINGS: [Binding; 51] = [
     character("f", Action::Fit),
     named(NamedKey::Home, Action::Home),
     plain(Pressed::Place(KeyCode::Digit1), Action::NamedView(0)),
@@ -131,6 +133,7 @@ const BINDINGS: [Binding; 50] = [
     character("i", Action::Rake),
     character(",", Action::SweepLight(1)),
     character(".", Action::SweepLight(-1)),
+    control("o", false, Action::Open),
     control("q", false, Action::Quit),
     control("z", false, Action::Undo),
     control("z", true, Action::Redo),
@@ -174,10 +177,9 @@ fn find(key: &Key, place: PhysicalKey, modifiers: ModifiersState) -> Option<Acti
         .map(|b| b.action)
 }
 
-/// Every key and gesture and what it does, in the help's order.
+/// Every key and gesture but drags, which [`super::mapping::Mapping::help`] has, and what it does, in the help's
+/// order.
 pub const HELP: [(&str, &str); 32] = [
-    ("Left drag", "turn round the point under the cursor"),
-    ("Right or middle drag, Shift + left drag", "move the point under the cursor along"),
     ("Wheel, pinch, + and −", "approach the point under the cursor, recede"),
     ("Double click", "bring a point to the middle"),
     ("Ctrl + Shift + left drag", "turn the light"),
@@ -207,6 +209,8 @@ pub const HELP: [(&str, &str); 32] = [
     ("Ctrl + Z, Ctrl + Y", "undo, redo"),
     ("N", "show or hide the panel"),
     ("F1, ?", "show or hide this help"),
+    ("Ctrl + O", "open another statue, or build a scan"),
+    ("One finger, two", "turn, move along and zoom; tap to pick"),
     ("Ctrl + Q", "close the window"),
 ];
 

@@ -9,13 +9,16 @@ use std::time::Duration;
 
 use egui::epaint::ClippedPrimitive;
 use winit::event::WindowEvent;
+use winit::event_loop::{ActiveEventLoop, EventLoopProxy};
 use winit::window::Window;
 
 use super::painter::Painter;
+use super::window::Wake;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::passes::Targets;
 use crate::picture::Picture;
+use egui_winit::accesskit_winit::WindowEvent as Access;
 
 /// A texture for the statue's picture.
 pub struct Scene {
@@ -64,6 +67,8 @@ pub struct Gui {
     painter: Painter,
     /// Textures that the last frame laid out was the last to use.
     expired: Vec<egui::TextureId>,
+    /// Width and height of textures at most.
+    side: usize,
     /// In points.
     cursor: Option<egui::Pos2>,
     /// Where the statue's picture is, in points.
@@ -71,8 +76,14 @@ pub struct Gui {
 }
 
 impl Gui {
-    /// `format` is that of the screen.
-    pub fn new(gpu: &Gpu, window: &Window, format: wgpu::TextureFormat) -> Gui {
+    /// `format` is that of the screen. The window must not have been seen yet, for screen readers' sake.
+    pub fn new(
+        gpu: &Gpu,
+        window: &Window,
+        format: wgpu::TextureFormat,
+        event_loop: &ActiveEventLoop,
+        proxy: &EventLoopProxy<Wake>,
+    ) -> Gui {
         let context = egui::Context::default();
         // Grey surroundings do not tint what is looked at; text stands out from them.
         context.set_theme(egui::Theme::Dark);
@@ -81,7 +92,7 @@ impl Gui {
         visuals.widgets.inactive.fg_stroke.color = egui::Color32::from_gray(225);
         context.set_visuals(visuals);
         let side = gpu.device.limits().max_texture_dimension_2d as usize;
-        let state = egui_winit::State::new(
+        let mut state = egui_winit::State::new(
             context.clone(),
             egui::ViewportId::ROOT,
             window,
@@ -89,13 +100,39 @@ impl Gui {
             None,
             Some(side),
         );
+        state.init_accesskit(event_loop, window, proxy.clone());
         Gui {
             context,
             state,
             painter: Painter::new(gpu, format),
             expired: Vec::new(),
+            side,
             cursor: None,
             statue: egui::Rect::EVERYTHING,
+        }
+    }
+
+    /// Goes on with another GPU than before.
+    pub fn renew(&mut self, gpu: &Gpu, format: wgpu::TextureFormat) {
+        self.painter = Painter::new(gpu, format);
+        self.expired.clear();
+        // Letters are uploaded once; with another limit of textures' size they are again.
+        let side = gpu.device.limits().max_texture_dimension_2d as usize;
+        self.side = if self.side == side { side - 1 } else { side };
+        self.state.set_max_texture_side(self.side);
+    }
+
+    /// How large letters are, relative to what the system asks for.
+    pub fn set_scale(&self, scale: f32) {
+        self.context.set_zoom_factor(scale);
+    }
+
+    /// What a screen reader asks or does.
+    pub fn on_access(&mut self, event: Access) {
+        match event {
+            Access::InitialTreeRequested => self.context.enable_accesskit(),
+            Access::ActionRequested(request) => self.state.on_accesskit_action_request(request),
+            Access::AccessibilityDeactivated => self.context.disable_accesskit(),
         }
     }
 
@@ -107,6 +144,10 @@ impl Gui {
             let pixels = egui::pos2(position.x as f32, position.y as f32);
             self.cursor = Some(pixels / egui_winit::pixels_per_point(&self.context, window));
         }
+        if let WindowEvent::Touch(touch) = event {
+            let pixels = egui::pos2(touch.location.x as f32, touch.location.y as f32);
+            self.cursor = Some(pixels / egui_winit::pixels_per_point(&self.context, window));
+        }
         let response = self.state.on_window_event(window, event);
         // The toolkit judges by the cursor of its last frame, which may be long ago.
         let over_panel = self.is_over_panel() || self.context.egui_is_using_pointer();
@@ -114,6 +155,7 @@ impl Gui {
             // A cursor that moves over the statue changes nothing in the panel.
             WindowEvent::CursorMoved { .. } => (false, over_panel || was_over_panel),
             WindowEvent::MouseInput { .. }
+            | WindowEvent::Touch(_)
             | WindowEvent::MouseWheel { .. }
             | WindowEvent::PinchGesture { .. } => (over_panel, response.repaint),
             _ => (response.consumed, response.repaint),
@@ -167,37 +209,19 @@ impl Gui {
         }
     }
 
-    /// Puts the statue's picture and the panel onto `target`, and submits it. The upper left
+    /// Puts the statue's picture, if there is one, and the panel onto `target`, and submits it. The upper left
     /// corner of the picture comes to `origin`.
     pub fn paint(
         &mut self,
         gpu: &Gpu,
         laid: &Laid,
-        (scene, beside): (&Scene, Option<Beside<'_>>),
+        scenes: Option<(&Scene, Option<Beside<'_>>)>,
         origin: (u32, u32),
         target: &wgpu::Texture,
     ) -> wgpu::SubmissionIndex {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        // While a window shrinks, the picture may be larger than what it is shown in.
-        let size = wgpu::Extent3d {
-            width: scene.texture.width().min(target.width().saturating_sub(origin.0)),
-            height: scene.texture.height().min(target.height().saturating_sub(origin.1)),
-            depth_or_array_layers: 1,
-        };
-        let mut to = target.as_image_copy();
-        (to.origin.x, to.origin.y) = origin;
-        encoder.copy_texture_to_texture(scene.texture.as_image_copy(), to, size);
-        if let Some(Beside { scene, from }) = beside {
-            let rest = |there: u32| there.saturating_sub(from).min(size.width.saturating_sub(from));
-            let width = rest(scene.texture.width());
-            let height = size.height.min(scene.texture.height());
-            let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
-            let mut of = scene.texture.as_image_copy();
-            of.origin.x = from;
-            to.origin.x += from;
-            if width > 0 && height > 0 {
-                encoder.copy_texture_to_texture(of, to, size);
-            }
+        if let Some((scene, beside)) = scenes {
+            copy(&mut encoder, scene, beside, origin, target);
         }
         self.painter.paint(gpu, &mut encoder, &laid.primitives, laid.pixels_per_point, target);
         gpu.queue.submit([encoder.finish()])
@@ -211,7 +235,7 @@ impl Gui {
         &mut self,
         gpu: &Gpu,
         laid: &Laid,
-        scenes: (&Scene, Option<Beside<'_>>),
+        scenes: Option<(&Scene, Option<Beside<'_>>)>,
         origin: (u32, u32),
         (width, height): (u32, u32),
         format: wgpu::TextureFormat,
@@ -230,5 +254,36 @@ impl Gui {
             pixel[3] = 255;
         }
         Ok(Picture { width, height, rgba })
+    }
+}
+
+/// The statue's picture, and a second one to the right of a line.
+fn copy(
+    encoder: &mut wgpu::CommandEncoder,
+    scene: &Scene,
+    beside: Option<Beside<'_>>,
+    origin: (u32, u32),
+    target: &wgpu::Texture,
+) {
+    // While a window shrinks, the picture may be larger than what it is shown in.
+    let size = wgpu::Extent3d {
+        width: scene.texture.width().min(target.width().saturating_sub(origin.0)),
+        height: scene.texture.height().min(target.height().saturating_sub(origin.1)),
+        depth_or_array_layers: 1,
+    };
+    let mut to = target.as_image_copy();
+    (to.origin.x, to.origin.y) = origin;
+    encoder.copy_texture_to_texture(scene.texture.as_image_copy(), to, size);
+    if let Some(Beside { scene, from }) = beside {
+        let rest = |there: u32| there.saturating_sub(from).min(size.width.saturating_sub(from));
+        let width = rest(scene.texture.width());
+        let height = size.height.min(scene.texture.height());
+        let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+        let mut of = scene.texture.as_image_copy();
+        of.origin.x = from;
+        to.origin.x += from;
+        if width > 0 && height > 0 {
+            encoder.copy_texture_to_texture(of, to, size);
+        }
     }
 }

@@ -8,8 +8,10 @@ use winit::event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, Window
 use winit::keyboard::{KeyCode, ModifiersState, PhysicalKey};
 
 use super::bindings::{Action, action_of};
+use super::mapping::{Gesture, Mapping};
 use super::navigation::{Drag, FlyInput};
 use super::stage::Stage;
+use super::touch::{Asked, Touches};
 
 /// Two presses within this time are a double click …
 const DOUBLE_CLICK: Duration = Duration::from_millis(400);
@@ -21,6 +23,8 @@ const SWIPE_PX: f64 = 7.0;
 const CLICK_PX: f64 = 4.0;
 /// Pixels that a touchpad scrolls for one notch of a wheel.
 const SCROLL_PX: f64 = 50.0;
+/// Pixels that a cursor goes for one notch of a wheel, where a drag zooms.
+const ZOOM_DRAG_PX: f64 = 16.0;
 /// Notches that a pinch to twice the size is worth.
 const PINCH_STEPS: f64 = 4.3;
 
@@ -33,7 +37,12 @@ pub struct Input {
     pub origin: DVec2,
     modifiers: ModifiersState,
     held: Option<MouseButton>,
+    /// Which button does what.
+    pub mapping: Mapping,
     turning_light: bool,
+    /// A drag zooms to where it began.
+    zooming: Option<DVec2>,
+    touches: Touches,
     /// The line between two statues is being dragged.
     swiping: bool,
     last_press: Option<(Instant, DVec2)>,
@@ -43,6 +52,11 @@ pub struct Input {
 }
 
 impl Input {
+    /// Nothing is held down.
+    pub fn new(mapping: Mapping) -> Input {
+        Input { mapping, ..Input::default() }
+    }
+
     /// Handles an event that the panel left. Returns whether the picture may have changed.
     pub fn on_event(&mut self, event: &WindowEvent, stage: &mut Stage, now: Instant) -> bool {
         match event {
@@ -77,6 +91,12 @@ impl Input {
                 stage.zoom(self.cursor, delta * PINCH_STEPS, now);
                 true
             }
+            WindowEvent::Touch(touch) => {
+                let place = DVec2::new(touch.location.x, touch.location.y) - self.origin;
+                let Some(asked) = self.touches.take(touch, place) else { return false };
+                self.touched(asked, stage, now);
+                true
+            }
             WindowEvent::KeyboardInput { event, is_synthetic: false, .. } => {
                 self.key(event, stage, now)
             }
@@ -105,6 +125,8 @@ impl Input {
         if self.swiping {
             let width = stage.navigation.lens().size.x;
             stage.settings.swipe = (cursor.x / width).clamp(0.0, 1.0);
+        } else if let Some(at) = self.zooming {
+            stage.zoom(at, -moved.y / ZOOM_DRAG_PX, now);
         } else if self.turning_light {
             let share = moved / stage.navigation.lens().size.min_element();
             stage.drag_light(share.x, share.y, now);
@@ -112,6 +134,30 @@ impl Input {
             stage.drag_to(cursor, now);
         }
         true
+    }
+
+    fn touched(&mut self, asked: Asked, stage: &mut Stage, now: Instant) {
+        match asked {
+            Asked::Turn(at) => stage.begin_drag(Drag::Orbit, at, now),
+            Asked::Hold(at) => stage.begin_drag(Drag::Pan, at, now),
+            Asked::Go(at, ratio) => {
+                stage.drag_to(at, now);
+                if ratio != 1.0 {
+                    stage.zoom(at, ratio.log2() * PINCH_STEPS, now);
+                    // The point between the fingers is another one now.
+                    stage.begin_drag(Drag::Pan, at, now);
+                }
+            }
+            Asked::Tap(at) => {
+                self.cursor = at;
+                if self.is_double(now) {
+                    stage.centre(at, now);
+                } else {
+                    stage.pick(at);
+                }
+            }
+            Asked::End => stage.end_drag(),
+        }
     }
 
     fn pressed(&mut self, button: MouseButton, stage: &mut Stage, now: Instant) -> bool {
@@ -133,18 +179,18 @@ impl Input {
             }
             return true;
         }
-        let (control, shift) = (self.modifiers.control_key(), self.modifiers.shift_key());
-        self.turning_light = left && control && shift;
-        if !self.turning_light {
-            let drag = match button {
-                MouseButton::Left if flying => Drag::Look,
-                MouseButton::Left if !shift => Drag::Orbit,
-                MouseButton::Left | MouseButton::Middle | MouseButton::Right => Drag::Pan,
-                _ => return false,
-            };
-            stage.begin_drag(drag, self.cursor, now);
+        let Some(gesture) = self.mapping.gesture(button, self.modifiers, flying) else {
+            // A click picks, whether or not a drag would do something.
+            self.click = left.then_some(self.cursor);
+            self.held = left.then_some(button);
+            return left;
+        };
+        match gesture {
+            Gesture::Move(drag) => stage.begin_drag(drag, self.cursor, now),
+            Gesture::Zoom => self.zooming = Some(self.cursor),
+            Gesture::Light => self.turning_light = true,
         }
-        let plain = left && !control && !shift;
+        let plain = left && !self.modifiers.control_key() && !self.modifiers.shift_key();
         self.click = plain.then_some(self.cursor);
         self.held = Some(button);
         true
@@ -163,6 +209,7 @@ impl Input {
     fn release(&mut self, stage: &mut Stage) {
         self.held = None;
         self.turning_light = false;
+        self.zooming = None;
         self.swiping = false;
         stage.end_drag();
     }

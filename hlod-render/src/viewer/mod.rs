@@ -1,8 +1,9 @@
 //! The window (feature `viewer`).
 //!
 //! ```text
-//! window      the system's window, and when to draw
-//!   │ input       events → what the stage does        bindings: which key does what
+//! opening     how the window comes to be, and statues into it; entry: files chosen, dropped, built
+//!   ▼ window  the system's window, and when to draw
+//!   │ input       events → what the stage does    bindings, mapping, touch: what keys, buttons, fingers do
 //!   ▼ stage       the model, where the viewer stands, what was set
 //!   │ navigation  how a viewer moves
 //!   │ work        the session: what is measured, cut and noted
@@ -14,24 +15,31 @@
 //!   ▼ gui         the picture and the panel on the screen, which painter draws
 //! ```
 //!
-//! Only `window`, `input`, `bindings`, `gui`, `panel`, `painter` and `screen` know that there is a window.
+//! `preferences` survive the window. Only `opening`, `entry`, `window`, `input`, `bindings`, `gui`, `panel`, `painter`
+//! and `screen` know that there is one.
 
 mod about;
 mod bindings;
 mod depth;
+mod entry;
 mod gui;
 mod input;
 mod legend;
 mod light;
+mod mapping;
 mod navigation;
+mod opening;
 mod other;
 mod pace;
 mod painter;
 mod panel;
+mod preferences;
 mod recording;
 mod screen;
 mod settings;
 mod stage;
+mod touch;
+mod watcher;
 mod window;
 mod work;
 
@@ -49,14 +57,14 @@ use crate::source::Source;
 /// What a window shows to begin with.
 #[derive(Debug, Clone)]
 pub struct ViewOptions {
-    /// The `.hlod` file.
-    pub file: PathBuf,
+    /// The `.hlod` file; a page to choose one where there is none.
+    pub file: Option<PathBuf>,
     /// Memory and reading.
     pub limits: ModelLimits,
-    /// τ at rest in pixels.
-    pub error_threshold_px: f64,
+    /// τ at rest in pixels; as it was set last where there is none, which goes for the next as well.
+    pub error_threshold_px: Option<f64>,
     /// What a frame may take while moving, in milliseconds.
-    pub frame_target_ms: f64,
+    pub frame_target_ms: Option<f64>,
     /// Which hierarchy.
     pub representation: Representation,
     /// Azimuth and elevation of the light in degrees relative to the picture; those of the session where
@@ -85,7 +93,7 @@ pub struct ViewOptions {
 /// screenshot cannot be written.
 pub fn run(options: ViewOptions) -> Result<(), RenderError> {
     // A file that is none is refused before a window flashes up.
-    for file in [Some(&options.file), options.compare.as_ref()].into_iter().flatten() {
+    for file in [&options.file, &options.compare].into_iter().flatten() {
         Source::open(file, 0, None)?;
     }
 

@@ -5,6 +5,8 @@ use egui::{Align2, Color32, FontId, Grid, RichText, Slider, Ui};
 use super::bindings::{Action, HELP};
 use super::legend;
 use super::light::{Lamp, PRESETS, RAKING_DEG};
+use super::mapping::Mapping;
+use super::preferences::{Preferences, UI_SCALES};
 use super::settings::Settings;
 use super::work::{Work, desk, desk::Wishes, overlay::Overlay};
 use crate::frame::FrameStats;
@@ -68,14 +70,16 @@ pub struct Readings {
 pub fn show(
     ui: &mut Ui,
     settings: &mut Settings,
+    preferences: &mut Preferences,
     readings: &Readings,
     overlay: &Overlay<'_>,
     wishes: &mut Wishes,
 ) -> egui::Rect {
     if settings.panel_open {
         egui::Panel::right("panel").exact_size(WIDTH).resizable(false).show(ui, |ui| {
-            egui::ScrollArea::vertical()
-                .show(ui, |ui| contents(ui, settings, readings, overlay.work, wishes));
+            egui::ScrollArea::vertical().show(ui, |ui| {
+                contents(ui, (settings, preferences), readings, overlay.work, wishes)
+            });
         });
     }
     if let Some((problem, count)) = &readings.problem {
@@ -104,7 +108,7 @@ pub fn show(
     legend::draw(ui, rect, settings.paint, &readings.scalars);
     corner_buttons(ui, rect, settings, &mut wishes.actions);
     if settings.help_open {
-        help(ui, &mut wishes.actions);
+        help(ui, preferences.mapping, &mut wishes.actions);
     }
     rect
 }
@@ -119,7 +123,7 @@ fn whole_pixels(rect: egui::Rect, pixels_per_point: f32) -> egui::Rect {
 
 fn contents(
     ui: &mut Ui,
-    settings: &mut Settings,
+    (settings, preferences): (&mut Settings, &mut Preferences),
     readings: &Readings,
     work: &Work,
     wishes: &mut Wishes,
@@ -136,6 +140,7 @@ fn contents(
     section(ui, "Sections", |ui| desk::sections(ui, work, wishes));
     section(ui, "Notes", |ui| desk::notes(ui, work, wishes));
     section(ui, "Camera path", |ui| recording(ui, readings, &mut wishes.actions));
+    section(ui, "Window", |ui| window(ui, preferences, &mut wishes.actions));
     section(ui, "Statistics", |ui| statistics(ui, readings));
 }
 
@@ -294,6 +299,34 @@ fn looks(ui: &mut Ui, settings: &mut Settings, readings: &Readings) {
     });
 }
 
+/// What goes for every statue.
+fn window(ui: &mut Ui, preferences: &mut Preferences, actions: &mut Vec<Action>) {
+    if ui.button("Open…").on_hover_text("another statue, or a scan to be built (Ctrl+O)").clicked()
+    {
+        actions.push(Action::Open);
+    }
+    ui.label("the mouse as in");
+    ui.horizontal_wrapped(|ui| {
+        for mapping in Mapping::ALL {
+            let lines: Vec<String> =
+                mapping.help().iter().map(|(keys, does)| format!("{keys}: {does}")).collect();
+            ui.selectable_value(&mut preferences.mapping, mapping, mapping.name())
+                .on_hover_text(lines.join("\n"));
+        }
+    });
+    ui.horizontal(|ui| {
+        ui.label("letters");
+        // Not a slider: it would move away under the cursor.
+        for (text, factor) in [("smaller", 1.0 / 1.1), ("larger", 1.1)] {
+            if ui.button(text).clicked() {
+                let scale = preferences.ui_scale * factor;
+                preferences.ui_scale = scale.clamp(*UI_SCALES.start(), *UI_SCALES.end());
+            }
+        }
+        ui.label(format!("{:.0} %", preferences.ui_scale * 100.0));
+    });
+}
+
 fn recording(ui: &mut Ui, readings: &Readings, actions: &mut Vec<Action>) {
     let label = match readings.recording_secs {
         Some(secs) => format!("Stop and save ({secs:.0} s)"),
@@ -418,7 +451,7 @@ fn corner_buttons(ui: &Ui, rect: egui::Rect, settings: &Settings, actions: &mut 
     );
 }
 
-fn help(ui: &Ui, actions: &mut Vec<Action>) {
+fn help(ui: &Ui, mapping: Mapping, actions: &mut Vec<Action>) {
     let mut open = true;
     egui::Window::new("Help")
         .anchor(Align2::CENTER_CENTER, egui::Vec2::ZERO)
@@ -427,9 +460,9 @@ fn help(ui: &Ui, actions: &mut Vec<Action>) {
         .open(&mut open)
         .show(ui, |ui| {
             Grid::new("help").num_columns(2).striped(true).show(ui, |ui| {
-                for (keys, does) in HELP {
-                    ui.label(RichText::new(keys).strong());
-                    ui.label(does);
+                for (keys, does) in mapping.help().iter().chain(&HELP) {
+                    ui.label(RichText::new(*keys).strong());
+                    ui.label(*does);
                     ui.end_row();
                 }
             });

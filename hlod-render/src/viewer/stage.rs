@@ -30,6 +30,18 @@ const PROBLEMS_MAX: usize = 100;
 /// A point that was under the cursor still is, if it is seen within so many pixels.
 const SAME_PLACE_PX: f64 = 4.0;
 
+/// What does not lie on a GPU, and so survives one.
+pub struct Kept {
+    /// The `.hlod` file.
+    pub file: PathBuf,
+    /// Where the viewer stands.
+    pub navigation: Navigation,
+    /// What was set.
+    pub settings: Settings,
+    /// What is measured, cut and noted.
+    pub work: Work,
+}
+
 /// One statue in one window.
 pub struct Stage {
     models: [Model; 1],
@@ -46,6 +58,8 @@ pub struct Stage {
     pub motion: Motion,
     /// Whether the window should be closed.
     pub quit: bool,
+    /// Whether another file is to be chosen.
+    pub open_wanted: bool,
     tau: TauController,
     clock: FrameClock,
     /// The depth of the last picture at rest.
@@ -81,6 +95,7 @@ impl Stage {
             settings,
             motion: Motion::default(),
             quit: false,
+            open_wanted: false,
             tau: TauController::default(),
             clock: FrameClock::default(),
             depth: DepthReader::default(),
@@ -93,6 +108,12 @@ impl Stage {
             problems: Vec::new(),
             advanced: None,
         }
+    }
+
+    /// What of it can be shown again on another GPU; a second statue cannot.
+    pub fn keep(self) -> Kept {
+        let file = self.models[0].path().to_owned();
+        Kept { file, navigation: self.navigation, settings: self.settings, work: self.work }
     }
 
     /// Lets time pass until `now`.
@@ -302,6 +323,7 @@ impl Stage {
                     self.problems.remove(0);
                 }
             }
+            Action::Open => self.open_wanted = true,
             Action::Quit => self.quit = true,
         }
         if matches!(action, Action::Turn(..)) || self.navigation.is_moving() {

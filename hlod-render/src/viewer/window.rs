@@ -4,50 +4,53 @@
 //! done. Nothing is drawn while nothing changes: a still picture costs nothing.
 
 use std::path::Path;
-use std::sync::{Arc, mpsc};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use glam::DVec2;
 use winit::application::ApplicationHandler;
-use winit::dpi::PhysicalSize;
 use winit::event::{ElementState, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy};
 use winit::window::{Window, WindowId};
 
 use super::ViewOptions;
+use super::entry::{Entry, page};
 use super::gui::{Beside, Gui, Laid, Scene};
 use super::input::Input;
-use super::light::{Lamp, LightAngles};
-use super::navigation::Navigation;
-
+use super::opening::{Opening, Statue};
 use super::panel;
+use super::preferences::Preferences;
 use super::screen::Screen;
-use super::settings::Settings;
 use super::stage::Stage;
-use super::work::{Work, desk::Wishes, overlay::Overlay};
+use super::watcher::Watcher;
+use super::work::{desk::Wishes, overlay::Overlay};
 use crate::error::RenderError;
-use crate::framing::Framing;
 use crate::gpu::Gpu;
-use crate::model::Model;
-use crate::scene::Shadow;
-use crate::session::{Looks, ShadowName};
 
 /// While parts are on their way and nothing moves, how often to look what has arrived.
 const LOADING_INTERVAL: Duration = Duration::from_millis(40);
 /// While the window cannot be drawn to, how often to try again.
 const UNSEEN_INTERVAL: Duration = Duration::from_millis(250);
-/// Narrower windows, in points, begin with the panel hidden.
-const PANEL_WINDOW_WIDTH: f64 = 900.0;
+/// Devices lost within so short a time are not opened again: something is wrong with them.
+const LOST_AGAIN: Duration = Duration::from_secs(10);
 
 /// What wakes the window besides the window system.
 #[derive(Debug)]
 pub enum Wake {
     /// The frame under way is done.
     FrameDone(Instant),
-    /// The scan's own geometry has been read for a tool.
+    /// Something that was being read, chosen or built has something to say.
     Answered,
     /// The GPU is gone.
     Failed(String),
+    /// A screen reader asks or answers.
+    Access(egui_winit::accesskit_winit::Event),
+}
+
+impl From<egui_winit::accesskit_winit::Event> for Wake {
+    fn from(event: egui_winit::accesskit_winit::Event) -> Wake {
+        Wake::Access(event)
+    }
 }
 
 /// The program with a window, before and after the window is there.
@@ -61,31 +64,37 @@ pub struct App {
 
 /// Everything that lives as long as the window. It ends in this order: nobody waits for a GPU, or
 /// draws to a window, that is gone.
-struct Open {
-    watcher: Watcher,
-    gui: Gui,
-    scene: Scene,
-    stage: Stage,
-    screen: Screen,
-    gpu: Arc<Gpu>,
-    window: Arc<Window>,
-    input: Input,
-    under_way: Option<Frame>,
+pub struct Open {
+    pub(super) watcher: Watcher,
+    pub(super) gui: Gui,
+    pub(super) scene: Scene,
+    /// The statue; a page to choose one where there is none.
+    pub(super) stage: Option<Stage>,
+    pub(super) screen: Screen,
+    pub(super) gpu: Arc<Gpu>,
+    pub(super) window: Arc<Window>,
+    pub(super) entry: Entry,
+    pub(super) preferences: Preferences,
+    pub(super) input: Input,
+    pub(super) under_way: Option<Frame>,
     /// Something changed while a frame was under way.
-    redraw_wanted: bool,
+    pub(super) redraw_wanted: bool,
     /// The last frame was drawn at rest and its numbers are shown.
-    settled: bool,
+    pub(super) settled: bool,
     /// Minimised or covered: the last frame could not be drawn. When to try again.
-    unseen_until: Option<Instant>,
-    last_frame: Instant,
-    gui_again: Option<Instant>,
-    laid: Option<Laid>,
-    leave_at: Option<Instant>,
+    pub(super) unseen_until: Option<Instant>,
+    pub(super) last_frame: Instant,
+    pub(super) gui_again: Option<Instant>,
+    pub(super) laid: Option<Laid>,
+    pub(super) leave_at: Option<Instant>,
+    pub(super) quit: bool,
+    /// When the GPU was opened.
+    pub(super) begun: Instant,
 }
 
 /// A frame on the GPU.
 #[derive(Debug, Clone, Copy)]
-struct Frame {
+pub struct Frame {
     begun: Instant,
     /// Time spent waiting for the display.
     waited: Duration,
@@ -113,13 +122,37 @@ impl App {
             }
         }
     }
+
+    /// The GPU is gone: everything on it is made anew on the next one, and the viewer stands where they
+    /// stood.
+    fn begin_again(&mut self, event_loop: &ActiveEventLoop, why: String) {
+        self.attempt(event_loop, |app| {
+            let Some(open) = app.open.take() else { return Ok(()) };
+            if open.begun.elapsed() < LOST_AGAIN {
+                return Err(open.gpu.error(why));
+            }
+            let opening = Opening { event_loop, options: &app.options, proxy: &app.proxy };
+            app.open = Some(opening.again(open, &why)?);
+            Ok(())
+        });
+    }
+
+    fn close(&mut self) {
+        // While the connection to the window system is still there.
+        if let Some(mut open) = self.open.take()
+            && let Err(error) = open.close()
+        {
+            self.error.get_or_insert(error);
+        }
+    }
 }
 
 impl ApplicationHandler<Wake> for App {
     fn resumed(&mut self, event_loop: &ActiveEventLoop) {
         if self.open.is_none() {
-            self.open =
-                self.attempt(event_loop, |app| Open::new(event_loop, &app.options, &app.proxy));
+            self.open = self.attempt(event_loop, |app| {
+                Opening { event_loop, options: &app.options, proxy: &app.proxy }.first()
+            });
         }
     }
 
@@ -131,149 +164,80 @@ impl ApplicationHandler<Wake> for App {
     }
 
     fn user_event(&mut self, event_loop: &ActiveEventLoop, wake: Wake) {
-        self.attempt(event_loop, |app| match (wake, &mut app.open) {
-            (Wake::FrameDone(when), Some(open)) => {
-                open.frame_done(when);
-                Ok(())
-            }
-            (Wake::Answered, Some(open)) => {
+        let Some(open) = &mut self.open else { return };
+        match wake {
+            Wake::FrameDone(when) => open.frame_done(when),
+            Wake::Answered => open.want_redraw(),
+            Wake::Failed(why) => self.begin_again(event_loop, why),
+            Wake::Access(event) => {
+                open.gui.on_access(event.window_event);
                 open.want_redraw();
-                Ok(())
             }
-            (Wake::Failed(why), Some(open)) => Err(open.gpu.error(why)),
-            (_, None) => Ok(()),
-        });
+        }
     }
 
     fn exiting(&mut self, _: &ActiveEventLoop) {
-        // While the connection to the window system is still there.
-        if let Some(mut open) = self.open.take()
-            && let Err(error) = open.stage.work.close()
-        {
-            self.error.get_or_insert(error);
-        }
+        self.close();
     }
 
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
         let Some(open) = &mut self.open else { return };
         let now = Instant::now();
-        let leaving = open.stage.quit || open.leave_at.is_some_and(|at| now >= at);
-        if leaving {
-            let closed = open.stage.work.close();
-            self.attempt(event_loop, |_| closed);
-            let screenshot = self.options.screenshot.clone();
-            self.attempt(event_loop, |app| match (&mut app.open, screenshot) {
-                (Some(open), Some(file)) => open.save_screenshot(&file),
-                _ => Ok(()),
-            });
-            event_loop.exit();
+        if !open.is_leaving(now) {
+            let wanted = open.entry.advance(open.stage.is_none());
+            if let Some(file) = wanted {
+                let opening = Opening { event_loop, options: &self.options, proxy: &self.proxy };
+                opening.show(open, Statue::File(&file));
+            }
+            event_loop.set_control_flow(open.schedule(now));
             return;
         }
-        event_loop.set_control_flow(open.schedule(now));
+        let screenshot = self.options.screenshot.clone();
+        self.attempt(event_loop, |app| match (&mut app.open, screenshot) {
+            (Some(open), Some(file)) => open.save_screenshot(&file),
+            _ => Ok(()),
+        });
+        self.close();
+        event_loop.exit();
     }
 }
 
 impl Open {
-    fn new(
-        event_loop: &ActiveEventLoop,
-        options: &ViewOptions,
-        proxy: &EventLoopProxy<Wake>,
-    ) -> Result<Open, RenderError> {
-        // Open the window and an adapter that can draw in it.
-        let name = options.file.file_name().unwrap_or_default().to_string_lossy();
-        let attributes = Window::default_attributes()
-            .with_title(format!("{name} – hlod-render"))
-            .with_inner_size(PhysicalSize::new(options.size.0, options.size.1))
-            .with_min_inner_size(PhysicalSize::new(200, 150));
-        let window =
-            event_loop.create_window(attributes).map_err(|e| RenderError::Window(e.to_string()))?;
-        let window = Arc::new(window);
-        let display = event_loop.owned_display_handle();
-        let (screen, gpu) = Screen::open(display, window.clone(), options.adapter)?;
-        let gpu = Arc::new(gpu);
+    fn is_leaving(&self, now: Instant) -> bool {
+        let quit = self.quit || self.stage.as_ref().is_some_and(|stage| stage.quit);
+        quit || self.leave_at.is_some_and(|at| now >= at)
+    }
 
-        // Open the model and stand before it.
-        let model = Model::open(&gpu, &options.file, options.limits)?;
-        options.representation.check(model.header()).map_err(RenderError::Usage)?;
-        let (width, height) = screen.size();
-        let size = DVec2::new(width.into(), height.into());
-        let navigation = Navigation::new(Framing::of(&model), size);
-        let points = f64::from(width) / window.scale_factor();
-        let settings = Settings {
-            error_threshold_px: options.error_threshold_px,
-            frame_target_ms: options.frame_target_ms,
-            representation: options.representation,
-            panel_open: points >= PANEL_WINDOW_WIDTH,
-            ..Settings::default()
-        };
-        let answered = proxy.clone();
-        // The window is gone: nobody needs to know.
-        let wake = move || drop(answered.send_event(Wake::Answered));
-        let session = options.session.as_deref();
-        let work = Work::open(&options.file, session, &model, wake);
-        let mut settings = settings;
-        let begun = work.session().looks;
-        settings.set_looks(&Looks {
-            shadow: if options.shadow == Shadow::None { begun.shadow } else { ShadowName::Hard },
-            ..begun
-        });
-        if let Some((azimuth, elevation)) = options.light {
-            settings.light = Lamp::of_picture(LightAngles::new(azimuth, elevation));
-        }
-        let mut stage = Stage::new(
-            &gpu,
-            screen.picture_format().add_srgb_suffix(),
-            model,
-            navigation,
-            settings,
-            work,
-        );
-
-        if let Some(file) = &options.compare {
-            let (limits, format) = (options.limits, screen.picture_format());
-            let shown = options.representation;
-            stage.show_beside(&gpu, file, limits, shown, format)?;
-        }
-
-        // Prepare what is drawn into, and who waits for it.
-        let scene = Scene::new(&gpu, screen.picture_format(), width, height);
-        let gui = Gui::new(&gpu, &window, screen.format());
-        let watcher = Watcher::start(gpu.clone(), proxy.clone());
-        let now = Instant::now();
-        window.request_redraw();
-        Ok(Open {
-            watcher,
-            gui,
-            scene,
-            stage,
-            screen,
-            gpu,
-            window,
-            input: Input::default(),
-            under_way: None,
-            redraw_wanted: true,
-            settled: false,
-            unseen_until: None,
-            last_frame: now,
-            gui_again: None,
-            laid: None,
-            leave_at: options.exit_after.map(|after| now + after),
-        })
+    /// Saves what has not been saved.
+    fn close(&mut self) -> Result<(), RenderError> {
+        let saved = self.stage.as_mut().map_or(Ok(()), |stage| stage.work.close());
+        saved.and(self.preferences.save())
     }
 
     fn on_event(&mut self, event: &WindowEvent) -> Result<(), RenderError> {
         let now = Instant::now();
         match event {
             WindowEvent::RedrawRequested => return self.redraw(now),
-            WindowEvent::CloseRequested => self.stage.quit = true,
+            WindowEvent::CloseRequested => self.quit = true,
             WindowEvent::Resized(size) => {
                 self.screen.resize(&self.gpu, *size);
-                self.stage.motion.note(now);
+                if let Some(stage) = &mut self.stage {
+                    stage.motion.note(now);
+                }
                 self.unseen_until = None;
                 self.want_redraw();
             }
             WindowEvent::Occluded(false) => {
                 self.unseen_until = None;
+                self.want_redraw();
+            }
+            WindowEvent::HoveredFile(_) | WindowEvent::HoveredFileCancelled => {
+                self.entry.hover(matches!(event, WindowEvent::HoveredFile(_)));
+                self.want_redraw();
+            }
+            WindowEvent::DroppedFile(path) => {
+                self.entry.hover(false);
+                self.entry.take(path.clone());
                 self.want_redraw();
             }
             _ => {}
@@ -290,7 +254,10 @@ impl Open {
                 WindowEvent::KeyboardInput { event, .. } => event.state == ElementState::Released,
                 _ => false,
             };
-        let changed = (!for_panel || always) && self.input.on_event(event, &mut self.stage, now);
+        let changed = match &mut self.stage {
+            Some(stage) if !for_panel || always => self.input.on_event(event, stage, now),
+            _ => false,
+        };
         if changed || panel_changed {
             self.want_redraw();
         }
@@ -306,14 +273,18 @@ impl Open {
         self.redraw_wanted = false;
 
         // Move on and lay out the panel.
-        self.stage.advance(now);
+        if let Some(stage) = &mut self.stage {
+            stage.advance(now);
+        }
         let laid = self.lay_out(now);
 
         // Give the statue what room the panel leaves.
-        let targets = &self.scene.targets;
-        let size = self.stage.navigation.lens().size.as_uvec2();
-        if (targets.width(), targets.height()) != (size.x, size.y) {
-            self.scene = Scene::new(&self.gpu, self.screen.picture_format(), size.x, size.y);
+        if let Some(stage) = &self.stage {
+            let targets = &self.scene.targets;
+            let size = stage.navigation.lens().size.as_uvec2();
+            if (targets.width(), targets.height()) != (size.x, size.y) {
+                self.scene = Scene::new(&self.gpu, self.screen.picture_format(), size.x, size.y);
+            }
         }
 
         // Draw the statue, then everything onto the screen.
@@ -328,9 +299,12 @@ impl Open {
         };
         self.unseen_until = None;
         let origin = self.input.origin.as_uvec2().into();
-        let moving = self.stage.motion.is_moving(now);
-        let drew_statue = self.stage.draw(&self.gpu, &self.scene, now)?;
-        let scenes = (&self.scene, beside(&self.stage));
+        let moving = self.stage.as_ref().is_some_and(|stage| stage.motion.is_moving(now));
+        let drew_statue = match &mut self.stage {
+            Some(stage) => stage.draw(&self.gpu, &self.scene, now)?,
+            None => false,
+        };
+        let scenes = scenes(&self.stage, &self.scene);
         let submission = self.gui.paint(&self.gpu, laid, scenes, origin, &texture.texture);
         self.window.pre_present_notify();
         self.gpu.queue.present(texture);
@@ -343,30 +317,39 @@ impl Open {
         Ok(())
     }
 
-    /// Lays out the panel, and does what was asked for in it.
+    /// Lays out the panel, or the page without a statue, and does what was asked for there.
     fn lay_out(&mut self, now: Instant) -> Laid {
-        let readings = self.stage.readings(&self.gpu, now);
-        let lens = self.stage.navigation.lens();
-        let Stage { settings, work, depth, .. } = &mut self.stage;
+        self.gui.set_scale(self.preferences.ui_scale);
+        let Some(stage) = &mut self.stage else { return self.lay_out_page(now) };
+        let readings = stage.readings(&self.gpu, now);
+        let lens = stage.navigation.lens();
+        let Stage { settings, work, depth, .. } = stage;
         let depth = depth.latest().filter(|picture| picture.lens == lens);
         let overlay = Overlay { work, lens: &lens, depth };
         let mut wishes = Wishes::default();
         let before = settings.clone();
         let mut rect = egui::Rect::NOTHING;
         let mut pixels_per_point = 1.0;
+        let (entry, preferences) = (&mut self.entry, &mut self.preferences);
         let laid = self.gui.run(&self.gpu, &self.window, |ui| {
             pixels_per_point = ui.pixels_per_point();
-            rect = panel::show(ui, settings, &readings, &overlay, &mut wishes);
+            rect = panel::show(ui, settings, preferences, &readings, &overlay, &mut wishes);
+            page::dialogs(ui, entry, true);
         });
         self.gui_again =
             now.checked_add(laid.again_after).filter(|_| laid.again_after < Duration::MAX);
         self.gui.statue = rect;
-        if self.stage.settings != before {
+        if stage.settings != before {
             // As smooth as any other motion.
-            self.stage.motion.note(now);
+            stage.motion.note(now);
         }
+        self.preferences.follow(&stage.settings, &before);
+        self.input.mapping = self.preferences.mapping;
         self.redraw_wanted |= wishes.any();
-        self.stage.fulfil(wishes, now);
+        stage.fulfil(wishes, now);
+        if std::mem::take(&mut stage.open_wanted) {
+            self.entry.choose(&self.window);
+        }
 
         let pixels = |v: egui::Vec2| {
             let v = (v * pixels_per_point).round();
@@ -374,22 +357,44 @@ impl Open {
         };
         let limit = f64::from(self.gpu.device.limits().max_texture_dimension_2d);
         self.input.origin = pixels(rect.min.to_vec2());
-        self.stage.navigation.resize(pixels(rect.size()).clamp(DVec2::ONE, DVec2::splat(limit)));
+        stage.navigation.resize(pixels(rect.size()).clamp(DVec2::ONE, DVec2::splat(limit)));
+        laid
+    }
+
+    fn lay_out_page(&mut self, now: Instant) -> Laid {
+        let mut asked = page::Asked::default();
+        let adapter = self.gpu.describe();
+        let adapter = (adapter.as_str(), self.gpu.info.device_type == wgpu::DeviceType::Cpu);
+        let (entry, recent) = (&mut self.entry, &self.preferences.recent);
+        let laid = self.gui.run(&self.gpu, &self.window, |ui| {
+            asked = page::start(ui, entry, recent, adapter);
+            page::dialogs(ui, entry, false);
+        });
+        self.gui.statue = egui::Rect::NOTHING;
+        self.gui_again =
+            now.checked_add(laid.again_after).filter(|_| laid.again_after < Duration::MAX);
+        if asked.choose {
+            self.entry.choose(&self.window);
+        }
+        if let Some(path) = asked.forget {
+            self.preferences.recent.retain(|known| *known != path);
+            self.redraw_wanted = true;
+        }
         laid
     }
 
     fn frame_done(&mut self, when: Instant) {
         let Some(frame) = self.under_way.take() else { return };
-        if frame.drew_statue {
+        if let Some(stage) = self.stage.as_mut().filter(|_| frame.drew_statue) {
             let took = when.saturating_duration_since(frame.begun).saturating_sub(frame.waited);
-            self.stage.frame_finished(when, took.as_secs_f64() * 1e3, frame.moving);
+            stage.frame_finished(when, took.as_secs_f64() * 1e3, frame.moving);
         }
         if self.redraw_wanted {
             self.window.request_redraw();
         }
     }
 
-    fn want_redraw(&mut self) {
+    pub(super) fn want_redraw(&mut self) {
         self.redraw_wanted = true;
         self.settled = false;
         if self.under_way.is_none() {
@@ -402,15 +407,17 @@ impl Open {
         if self.under_way.is_some() {
             return ControlFlow::Wait;
         }
-        let stage = &self.stage;
-        let moving = stage.motion.is_moving(now);
-        // After a motion: once more in full, and then once more for its numbers in the panel.
-        let rest = if moving { stage.motion.rest_at() } else { (!self.settled).then_some(now) };
-        let arriving = stage.is_loading().then(|| self.last_frame + LOADING_INTERVAL);
-        let at_once = (self.redraw_wanted || stage.navigation.is_moving()).then_some(now);
-        let next =
-            [rest, arriving, at_once, stage.recording_due(), stage.work.due(), self.gui_again];
-        let next = next.into_iter().flatten().min();
+        let at_once = self.redraw_wanted.then_some(now);
+        let mut next = [at_once, self.gui_again].into_iter().flatten().min();
+        if let Some(stage) = &self.stage {
+            let moving = stage.motion.is_moving(now);
+            // After a motion: once more in full, and then once more for its numbers in the panel.
+            let rest = if moving { stage.motion.rest_at() } else { (!self.settled).then_some(now) };
+            let arriving = stage.is_loading().then(|| self.last_frame + LOADING_INTERVAL);
+            let going = stage.navigation.is_moving().then_some(now);
+            let due = [next, rest, arriving, going, stage.recording_due(), stage.work.due()];
+            next = due.into_iter().flatten().min();
+        }
         let next = next.map(|at| self.unseen_until.map_or(at, |until| at.max(until)));
         if next.is_some_and(|at| at <= now) {
             self.gui_again = None;
@@ -428,59 +435,17 @@ impl Open {
         };
         let (size, format) = (self.screen.size(), self.screen.format());
         let origin = self.input.origin.as_uvec2().into();
-        let scenes = (&self.scene, beside(&self.stage));
+        let scenes = scenes(&self.stage, &self.scene);
         self.gui.screenshot(&self.gpu, laid, scenes, origin, size, format)?.save(file)
     }
 }
 
-/// The second statue's picture, where there is one.
-fn beside(stage: &Stage) -> Option<Beside<'_>> {
-    let from = stage.swipe_px()? as u32;
-    Some(Beside { scene: stage.other.as_ref()?.scene(), from })
-}
-
-/// A thread that waits for frames, so that the window does not.
-struct Watcher {
-    /// `None` only while ending.
-    submissions: Option<mpsc::Sender<wgpu::SubmissionIndex>>,
-    thread: Option<std::thread::JoinHandle<()>>,
-}
-
-impl Watcher {
-    fn start(gpu: Arc<Gpu>, proxy: EventLoopProxy<Wake>) -> Watcher {
-        let (sender, submissions) = mpsc::channel();
-        let thread = std::thread::spawn(move || {
-            for submission in submissions {
-                let wait =
-                    wgpu::PollType::Wait { submission_index: Some(submission), timeout: None };
-                let wake = match gpu.device.poll(wait) {
-                    Ok(_) => Wake::FrameDone(Instant::now()),
-                    Err(error) => Wake::Failed(error.to_string()),
-                };
-                // The window is gone: nobody needs to know.
-                if proxy.send_event(wake).is_err() {
-                    return;
-                }
-            }
-        });
-        Watcher { submissions: Some(sender), thread: Some(thread) }
-    }
-
-    /// Sends [`Wake::FrameDone`] when the submission is done.
-    fn watch(&self, submission: wgpu::SubmissionIndex) {
-        if let Some(submissions) = &self.submissions {
-            // It has ended only where it has told that the GPU failed.
-            let _ = submissions.send(submission);
-        }
-    }
-}
-
-impl Drop for Watcher {
-    fn drop(&mut self) {
-        self.submissions = None;
-        if let Some(thread) = self.thread.take() {
-            // Whether it panicked does not matter any more.
-            let _ = thread.join();
-        }
-    }
+/// What is on the screen besides the panel: the statue's picture, and a second one beside it.
+fn scenes<'a>(
+    stage: &'a Option<Stage>,
+    scene: &'a Scene,
+) -> Option<(&'a Scene, Option<Beside<'a>>)> {
+    let stage = stage.as_ref()?;
+    let beside = stage.swipe_px().zip(stage.other.as_ref());
+    Some((scene, beside.map(|(from, other)| Beside { scene: other.scene(), from: from as u32 })))
 }
