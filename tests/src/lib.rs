@@ -1,5 +1,8 @@
 //! Harness of the workspace's tests: scans, small models, the software adapter, running programs.
 
+pub mod ended;
+pub mod samples;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
