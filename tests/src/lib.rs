@@ -1,6 +1,7 @@
 //! Harness of the workspace's tests: scans, small models, the software adapter, running programs.
 
 pub mod ended;
+pub mod fuzz;
 pub mod samples;
 
 use std::io::Write;

@@ -1,11 +1,12 @@
 //! The commands of this repository: `./x demo`, `./x test`, `./x bless`,
-//! `./x scale`.
+//! `./x scale`, `./x fuzz`.
 //!
 //! Depends on the standard library only, so that it compiles in seconds and can say what the
 //! system lacks, and how long the rest takes, before anything heavy begins.
 
 mod bless;
 mod demo;
+mod fuzz;
 mod options;
 mod run;
 mod scale;
@@ -39,6 +40,7 @@ fn main() -> ExitCode {
         Command::Test(options) => test::test(&options),
         Command::Bless { name } => bless::bless(&name),
         Command::Scale(options) => scale::scale(&options),
+        Command::Fuzz { arguments } => fuzz::fuzz(&arguments),
     });
     let (message, status) = match result {
         Ok(status) => return status,
