@@ -1,5 +1,6 @@
 //! Progress on a terminal.
 
+use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -31,7 +32,7 @@ impl Bars {
             if stopped.swap(true, Ordering::Relaxed) {
                 std::process::exit(130);
             }
-            eprintln!("stopping; once more to stop at once");
+            let _ = writeln!(std::io::stderr(), "stopping; once more to stop at once");
         })
     }
 
@@ -73,7 +74,9 @@ impl Progress for Bars {
 
     fn remark(&self, text: &str) {
         if self.visible {
-            self.bar().suspend(|| eprintln!("{text}"));
+            self.bar().suspend(|| {
+                let _ = writeln!(std::io::stderr(), "{text}");
+            });
         }
     }
 
