@@ -51,5 +51,5 @@ pub use page::{
 pub use points::{PointPrefix, PointRadius, Points};
 pub use skeleton::{
     BLOCK_BYTES_MAX, BlockRef, BoundStatus, Children, Errors, NodeFlags, NodeRecord, NormalCone,
-    Representation, RepresentationKind, SkeletonBlock,
+    PAGE_BYTES_MAX, Representation, RepresentationKind, SkeletonBlock,
 };

@@ -3,4 +3,6 @@
 
 mod builds;
 mod containers;
+mod links;
+mod pictures;
 mod scans;
