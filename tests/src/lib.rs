@@ -3,6 +3,7 @@
 pub mod ended;
 pub mod fuzz;
 pub mod samples;
+pub mod soak;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

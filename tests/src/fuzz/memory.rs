@@ -54,6 +54,11 @@ unsafe impl GlobalAlloc for Counting {
     }
 }
 
+/// What is held now, in bytes; 0 where another allocator is in use.
+pub fn held() -> usize {
+    HELD.load(Relaxed)
+}
+
 /// Runs `work` and gives what it held at most, in bytes; 0 where another allocator is in use.
 pub fn measured<T>(work: impl FnOnce() -> T) -> (T, usize) {
     let before = HELD.load(Relaxed);

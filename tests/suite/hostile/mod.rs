@@ -6,3 +6,4 @@ mod containers;
 mod links;
 mod pictures;
 mod scans;
+mod sessions;

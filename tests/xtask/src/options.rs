@@ -16,6 +16,10 @@ pub enum Command {
     Fuzz {
         arguments: Vec<String>,
     },
+    /// The same.
+    Soak {
+        arguments: Vec<String>,
+    },
 }
 
 #[derive(Debug, PartialEq, Eq)]
@@ -53,6 +57,7 @@ pub fn parse(arguments: impl IntoIterator<Item = String>) -> Result<Command, Fai
         "bless" => bless(arguments),
         "scale" => scale(arguments).map(Command::Scale),
         "fuzz" => Ok(Command::Fuzz { arguments: arguments.collect() }),
+        "soak" => Ok(Command::Soak { arguments: arguments.collect() }),
         "help" | "-h" | "--help" => Ok(Command::Help),
         _ => Err(Failure::Usage(format!("There is no command '{command}'."))),
     }
