@@ -53,5 +53,5 @@ pub use points::{PointPrefix, PointRadius, Points};
 pub use scalars::{SCALARS_MAX, ScalarRange, Scalars, code_between, mean_code};
 pub use skeleton::{
     BLOCK_BYTES_MAX, BlockRef, BoundStatus, Children, Errors, NodeFlags, NodeRecord, NormalCone,
-    Representation, RepresentationKind, SkeletonBlock,
+    PAGE_BYTES_MAX, Representation, RepresentationKind, SkeletonBlock,
 };

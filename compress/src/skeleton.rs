@@ -10,6 +10,9 @@ use crate::{CellKey, FormatError, OctNormal, PageRef};
 /// No block is longer.
 pub const BLOCK_BYTES_MAX: usize = 64 * 1024;
 
+/// No page is longer, in bytes: several times what the largest that can be written takes.
+pub const PAGE_BYTES_MAX: u32 = 1 << 28;
+
 /// Where a skeleton block lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BlockRef {
@@ -342,6 +345,10 @@ impl NodeRecord {
         if !is_length(cover_radius) {
             return bad("a radius is not a length");
         }
+        let page = PageRef { offset: r.u64()?, page_bytes: r.u32()?, crc32: r.u32()? };
+        if page.page_bytes > PAGE_BYTES_MAX {
+            return bad("a page is longer than any can be");
+        }
         Ok(Representation {
             kind,
             errors: Errors {
@@ -356,7 +363,7 @@ impl NodeRecord {
             triangles,
             points,
             cover_radius,
-            page: PageRef { offset: r.u64()?, page_bytes: r.u32()?, crc32: r.u32()? },
+            page,
         })
     }
 }

@@ -30,6 +30,9 @@ pub enum BuildError {
         /// The system's reason.
         source: std::io::Error,
     },
+    /// An input is not what it was when the build began.
+    #[error("{0}: has changed while it was read; start again when it is complete")]
+    InputChanged(PathBuf),
     /// The output is there already.
     #[error("{0}: exists already; give --force to replace it")]
     OutputExists(PathBuf),

@@ -87,7 +87,7 @@ pub fn export(
         error_max = error_max.max(f64::from(representation.errors.geometric));
     }
 
-    write_ply(&mesh, &file, output, error_max)?;
+    write_ply(&mesh, &file, (output, force), error_max)?;
     Ok(ExportReport {
         vertices: mesh.positions.len() as u64,
         triangles: mesh.triangles.len() as u64,
@@ -154,7 +154,7 @@ fn front(
 fn write_ply(
     mesh: &Mesh,
     file: &HlodFile,
-    output: &Path,
+    (output, force): (&Path, bool),
     error_max: f64,
 ) -> Result<(), BuildError> {
     let aside = Aside::create(output)?;
@@ -213,5 +213,5 @@ fn write_ply(
     };
     write(&mut out).map_err(BuildError::io(output, "write"))?;
     drop(out);
-    aside.commit(output)
+    aside.commit(output, force)
 }

@@ -53,6 +53,7 @@ pub use ingest::Precision;
 pub use kept::KeptScalar;
 pub use metadata::{MetadataReport, read_metadata};
 pub use oddities::Oddities;
+pub use output::write_whole;
 pub use pipeline::{BuildOptions, BuildReport, build, prepare};
 pub use resources::{Costs, StageCost};
 pub use single_step::{StepDescription, list_steps, run_step};

@@ -2,6 +2,7 @@
 
 mod cli;
 
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -17,7 +18,8 @@ fn main() -> ExitCode {
         Err(Failure::Refuted) => (None, 3),
     };
     if let Some(message) = message {
-        eprintln!("hlod-build: {message}");
+        // Where nobody can be told, the status still says it.
+        let _ = writeln!(std::io::stderr(), "hlod-build: {message}");
     }
     ExitCode::from(code)
 }

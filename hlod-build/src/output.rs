@@ -1,6 +1,7 @@
 //! Outputs take their name only when they are complete.
 
 use std::fs::File;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use crate::error::BuildError;
@@ -21,6 +22,13 @@ pub(crate) fn check_output(
         if !force {
             return Err(BuildError::OutputExists(output.to_owned()));
         }
+    }
+    // A link that leads nowhere, or round in circles, would be replaced by the file.
+    if !output.exists() && output.symlink_metadata().is_ok() {
+        return Err(BuildError::Usage(format!(
+            "{}: is a link that leads nowhere; remove it, or name another file",
+            output.display()
+        )));
     }
     // Fails now, not after an hour, where the folder is missing or may not be written.
     Aside::create(output).map(drop)
@@ -46,12 +54,27 @@ impl Aside {
         self.0.as_file()
     }
 
-    /// Syncs the file to disk and gives it its name.
-    pub(crate) fn commit(self, output: &Path) -> Result<(), BuildError> {
+    /// Syncs the file to disk and gives it its name. Unless that was allowed by `force`, what has got
+    /// that name meanwhile stays, and the file is gone.
+    pub(crate) fn commit(self, output: &Path, force: bool) -> Result<(), BuildError> {
         self.file().sync_all().map_err(BuildError::io(output, "write"))?;
         set_usual_permissions(self.file()).map_err(BuildError::io(output, "set permissions of"))?;
-        self.0.persist(output).map_err(|e| e.error).map_err(BuildError::io(output, "create"))?;
-        Ok(())
+        if force {
+            self.0.persist(output).map_err(|e| BuildError::io(output, "create")(e.error))?;
+            return Ok(());
+        }
+        match self.0.persist_noclobber(output) {
+            Ok(_) => Ok(()),
+            Err(e) if output.symlink_metadata().is_ok() => {
+                drop(e);
+                Err(BuildError::OutputExists(output.to_owned()))
+            }
+            // Some file systems have neither hard links nor a renaming that spares.
+            Err(e) => {
+                let done = e.file.persist(output).map(drop);
+                done.map_err(|e| BuildError::io(output, "create")(e.error))
+            }
+        }
     }
 }
 
@@ -67,4 +90,20 @@ fn set_usual_permissions(file: &File) -> std::io::Result<()> {
 #[cfg(not(unix))]
 fn set_usual_permissions(_file: &File) -> std::io::Result<()> {
     Ok(())
+}
+
+/// Writes a small file: aside and renamed, so that nobody finds half of one. What is no regular file, as
+/// a terminal, is written to as it is.
+///
+/// # Errors
+/// When the system refuses.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), BuildError> {
+    if path.exists() && !path.is_file() {
+        return std::fs::write(path, bytes).map_err(BuildError::io(path, "write"));
+    }
+    // What a link leads to is written, not the link.
+    let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let aside = Aside::create(&path)?;
+    aside.file().write_all(bytes).map_err(BuildError::io(&path, "write"))?;
+    aside.commit(&path, true)
 }

@@ -284,7 +284,8 @@ fn run_steps(
 
     let header = header(options, &account, &survey)?;
     let about = (header, options.metadata.as_ref());
-    let (header, oddities) = assemble(folder, &plan.parts(), about, output, progress)?;
+    let (header, oddities) =
+        assemble(folder, &plan.parts(), about, (output, options.force), progress)?;
     meter.finish_stage("write");
     Ok(Built { account, survey, header, oddities })
 }

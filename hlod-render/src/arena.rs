@@ -93,6 +93,13 @@ impl ArenaSize {
         (vertices + points) * VERTEX_BYTES + primitives * (TRIANGLE_BYTES + EDGE_BYTES)
     }
 
+    /// Half as large; none where usual pages would not fit any more.
+    pub(crate) fn halved(self) -> Option<ArenaSize> {
+        const VERTICES_LEAST: u32 = 1 << 12;
+        let half = ArenaSize { vertices: self.vertices / 2, triangles: self.triangles / 2, ..self };
+        (half.vertices >= VERTICES_LEAST).then_some(half)
+    }
+
     pub(crate) fn bytes(&self) -> u64 {
         let colours = if self.has_colours { COLOUR_BYTES } else { 0 };
         let scalars = if self.has_scalars { SCALARS_BYTES } else { 0 };
@@ -132,7 +139,12 @@ impl Slot {
 }
 
 impl Arena {
-    pub(crate) fn new(gpu: &Gpu, size: ArenaSize) -> Arena {
+    /// `None` where the adapter has no memory for it.
+    pub(crate) fn new(gpu: &Gpu, size: ArenaSize) -> Option<Arena> {
+        gpu.with_room(size.bytes(), || Arena::made(gpu, size))
+    }
+
+    fn made(gpu: &Gpu, size: ArenaSize) -> Arena {
         let buffer = |label, bytes: u64| {
             gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),

@@ -1,23 +1,30 @@
 //! Files that are there as a whole or not at all.
 
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use crate::error::RenderError;
 
 /// Lets `make` write a file aside, as `NAME.part`, and renames it when it is on the disk. Where that
-/// fails nothing is left, and what was there before still is.
+/// fails nothing is left, and what was there before still is. What a link leads to is written, not the
+/// link.
 ///
 /// # Errors
-/// When `make` fails or the system refuses.
+/// When `make` fails or the system refuses; when there is something that is no regular file.
 pub fn write_aside<T>(
     path: &Path,
     make: impl FnOnce(&mut BufWriter<File>) -> Result<T, RenderError>,
 ) -> Result<T, RenderError> {
+    let path = &place_of(path).map_err(RenderError::io(path, "write"))?;
     let mut aside = path.as_os_str().to_owned();
     aside.push(".part");
     let aside = PathBuf::from(aside);
+    // Opening a pipe would wait for a reader, and a link leads elsewhere.
+    if aside.symlink_metadata().is_ok_and(|there| !there.is_file()) {
+        let why = std::io::Error::new(ErrorKind::AlreadyExists, "is there and no regular file");
+        return Err(RenderError::io(&aside, "write")(why));
+    }
     let file = File::create(&aside).map_err(RenderError::io(path, "create"))?;
     let mut out = BufWriter::new(file);
     let made = make(&mut out).and_then(|made| {
@@ -31,6 +38,18 @@ pub fn write_aside<T>(
         let _ = std::fs::remove_file(&aside);
     }
     made
+}
+
+/// Where a file that may be a link really is, or will be: a rename would put a regular file in the place
+/// of a device, a pipe or a link.
+fn place_of(path: &Path) -> std::io::Result<PathBuf> {
+    let refused = |why| Err(std::io::Error::new(ErrorKind::InvalidInput, why));
+    match path.canonicalize() {
+        Ok(place) if place.is_file() => Ok(place),
+        Ok(_) => refused("is no regular file"),
+        Err(_) if path.symlink_metadata().is_ok() => refused("is a link that leads nowhere"),
+        Err(_) => Ok(path.to_owned()),
+    }
 }
 
 /// Writes a file of these bytes so.

@@ -313,7 +313,8 @@ impl Renderer {
             },
         };
         let drawn = Drawn { ranges: &ranges, parts: &parts, area: seen.rectangle(), shadow };
-        self.passes.of(gpu, shot).encode(gpu, &uniforms, &drawn, shot, targets)
+        self.passes.of(gpu, shot).encode(gpu, &uniforms, &drawn, shot, targets)?;
+        gpu.check()
     }
 
     /// Draws given ranges of given arenas; a frame's last step, and all of it for the reference of
@@ -326,7 +327,8 @@ impl Renderer {
         shot: &Shot,
         targets: &Targets,
     ) -> Result<(), RenderError> {
-        self.passes.of(gpu, shot).encode(gpu, uniforms, drawn, shot, targets)
+        self.passes.of(gpu, shot).encode(gpu, uniforms, drawn, shot, targets)?;
+        gpu.check()
     }
 }
 

@@ -1,5 +1,8 @@
 //! The adapter, and reading pictures back from it.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+
 use crate::error::RenderError;
 
 /// A device with what the renderer needs.
@@ -13,6 +16,10 @@ pub struct Gpu {
     /// Whether small triangles are rasterised in compute, which takes 64-bit atomics: where the
     /// adapter has them, unless this is set to false before a renderer is made.
     pub small_triangles: bool,
+    /// What first went wrong with the device, if anything has: nothing after it can be trusted.
+    trouble: Arc<Mutex<Option<String>>>,
+    /// Bytes of geometry that the adapter is taken to have left.
+    geometry_left: AtomicU64,
 }
 
 /// Which adapter to use.
@@ -67,7 +74,47 @@ impl Gpu {
         };
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
             .map_err(|e| RenderError::Gpu { adapter: info.name.clone(), why: e.to_string() })?;
-        Ok(Gpu { device, queue, info, small_triangles })
+        let trouble = Arc::new(Mutex::new(None));
+        let (of_errors, of_loss) = (trouble.clone(), trouble.clone());
+        // Left alone, wgpu would end the process.
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            note(&of_errors, error.to_string());
+        }));
+        device.set_device_lost_callback(move |reason, why| {
+            note(&of_loss, format!("the device was lost ({reason:?}): {why}"));
+        });
+        let geometry_left = AtomicU64::new(u64::MAX);
+        Ok(Gpu { device, queue, info, small_triangles, trouble, geometry_left })
+    }
+
+    /// That nothing has gone wrong with the device so far: a driver that failed, a GPU that was taken away,
+    /// memory that was refused.
+    ///
+    /// # Errors
+    /// What first went wrong, from then on.
+    pub fn check(&self) -> Result<(), RenderError> {
+        // Of a lost device one is told on asking.
+        let polled = self.device.poll(wgpu::PollType::Poll);
+        let trouble = self.trouble.lock().ok().and_then(|trouble| trouble.clone());
+        let trouble = trouble.or_else(|| polled.err().map(|error| error.to_string()));
+        trouble.map_or(Ok(()), |why| Err(self.error(why)))
+    }
+
+    /// From now on the adapter is taken to have room for so many bytes of geometry more. For tests of what
+    /// happens without.
+    #[doc(hidden)]
+    pub fn pretend_geometry_bytes(&self, bytes: u64) {
+        self.geometry_left.store(bytes, Ordering::SeqCst);
+    }
+
+    /// Runs `make`, which makes buffers of so many bytes for geometry; none where there is no memory for
+    /// them.
+    pub(crate) fn with_room<T>(&self, bytes: u64, make: impl FnOnce() -> T) -> Option<T> {
+        let take = |left: u64| if left == u64::MAX { Some(left) } else { left.checked_sub(bytes) };
+        self.geometry_left.fetch_update(Ordering::SeqCst, Ordering::SeqCst, take).ok()?;
+        let scope = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let made = make();
+        pollster::block_on(scope.pop()).is_none().then_some(made)
     }
 
     /// Name, kind and driver, as in `llvmpipe (Cpu, Vulkan, Mesa 22.3.6)`.
@@ -84,7 +131,8 @@ impl Gpu {
         self.device
             .poll(wgpu::PollType::wait_indefinitely())
             .map(drop)
-            .map_err(|e| self.error(e.to_string()))
+            .map_err(|e| self.error(e.to_string()))?;
+        self.check()
     }
 
     pub(crate) fn error(&self, why: impl Into<String>) -> RenderError {
@@ -183,5 +231,12 @@ impl Gpu {
         buffer.map_async(wgpu::MapMode::Read, .., |_| {});
         self.wait()?;
         buffer.get_mapped_range(..).map_err(|e| self.error(e.to_string()))
+    }
+}
+
+/// Keeps what went wrong first: the rest mostly follows from it.
+fn note(trouble: &Mutex<Option<String>>, what: String) {
+    if let Ok(mut trouble) = trouble.lock() {
+        trouble.get_or_insert(what);
     }
 }

@@ -2,6 +2,7 @@
 
 mod cli;
 
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -15,6 +16,7 @@ fn main() -> ExitCode {
         Err(Failure::Work(message)) => (message, 1),
         Err(Failure::Usage(message)) => (message, 2),
     };
-    eprintln!("hlod-render: {message}");
+    // Where nobody can be told, the status still says it.
+    let _ = writeln!(std::io::stderr(), "hlod-render: {message}");
     ExitCode::from(code)
 }

@@ -72,6 +72,8 @@ pub struct Model {
     /// Parts that turned out to be damaged: not asked for again.
     damaged: HashSet<u64>,
     problems: Vec<String>,
+    /// Parts for which the GPU had no memory, until something makes room.
+    unplaced: HashSet<u64>,
     /// Why nothing comes at present.
     link_problem: Option<String>,
     bytes_read: u64,
@@ -129,6 +131,7 @@ impl Model {
             due: DueTimes::new(),
             drawn_bytes: 0,
             damaged: HashSet::new(),
+            unplaced: HashSet::new(),
             problems: Vec::new(),
             link_problem: None,
             bytes_read: 0,
@@ -364,7 +367,8 @@ impl Model {
                     !matches!(link, ChildLink::Unloaded(_))
                 }
             };
-            resident || waiting.contains(&ticket) || self.damaged.contains(&ticket)
+            let is_hopeless = self.damaged.contains(&ticket) || self.unplaced.contains(&ticket);
+            resident || waiting.contains(&ticket) || is_hopeless
         };
         self.loader.submit(requests(&mut wanted, &self.plan, &self.skeleton, &has));
     }
@@ -396,7 +400,34 @@ impl Model {
             if !fits {
                 return Err(gpu.error(format!("node {} is larger than a buffer may be", key.0)));
             }
-            self.arenas.push(Arena::new(gpu, self.arena_size));
+            match Arena::new(gpu, self.arena_size) {
+                Some(arena) => self.arenas.push(arena),
+                // Smaller, but all of one size: identities are counted by it.
+                None if self.arenas.is_empty() => {
+                    let smaller = self.arena_size.halved();
+                    self.arena_size = smaller.ok_or_else(|| gpu.error("it has no memory left"))?;
+                }
+                None => {
+                    self.make_do();
+                    if !self.evict_for(for_secs) {
+                        self.unplaced.insert(page_ticket(key.0, key.1));
+                        return Ok(());
+                    }
+                }
+            }
+        }
+    }
+
+    /// The GPU has no more memory: the budget is what there is, which is said once.
+    fn make_do(&mut self) {
+        let bytes = self.arenas.len() as u64 * self.arena_size.bytes();
+        if bytes < self.limits.gpu_bytes {
+            self.problems.push(format!(
+                "{}: the GPU has memory for {} MiB of it only: parts are drawn coarser",
+                self.path.display(),
+                bytes >> 20
+            ));
+            self.limits.gpu_bytes = bytes;
         }
     }
 
@@ -407,6 +438,7 @@ impl Model {
         let Some(resident) = victim.and_then(|key| self.slots.remove(&key)) else { return false };
         let arena = resident.slot.arena;
         self.arenas[arena].remove(resident.slot);
+        self.unplaced.clear();
         true
     }
 

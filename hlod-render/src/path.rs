@@ -68,6 +68,8 @@ pub struct Key {
 }
 
 const VERSION: u32 = 1;
+/// A day. Speeds are sampled along all of it, which would take as long as someone writes here.
+const DURATION_SECS_MAX: f64 = 86_400.0;
 
 impl CameraPath {
     /// Reads and checks a path.
@@ -120,6 +122,10 @@ impl CameraPath {
         let (first, last) = (self.keys[0].at_secs, self.keys[self.keys.len() - 1].at_secs);
         if first != 0.0 || (last - self.duration_secs).abs() > 1e-6 {
             return Err(format!("keys run from {first} to {last} s, not from 0 to duration_secs"));
+        }
+        if self.duration_secs > DURATION_SECS_MAX {
+            let secs = self.duration_secs;
+            return Err(format!("{secs} s: a path lasts at most {DURATION_SECS_MAX} s"));
         }
         if !(1.0..=170.0).contains(&self.fov_y_deg) {
             return Err(format!("a field of view of {}°", self.fov_y_deg));
@@ -262,7 +268,7 @@ mod tests {
     #[test]
     fn paths_that_make_no_sense_are_refused() {
         path().validate().unwrap();
-        let broken: [fn(&mut CameraPath); 9] = [
+        let broken: [fn(&mut CameraPath); 10] = [
             |p| p.peak_speed_heights_per_sec = 2.0,
             |p| p.version = 2,
             |p| p.keys.truncate(1),
@@ -270,6 +276,11 @@ mod tests {
             |p| p.keys[1].eye[0] = f64::NAN,
             |p| p.keys[1].eye = p.keys[1].target,
             |p| p.duration_secs = 5.0,
+            |p| {
+                p.duration_secs = 1e12;
+                p.keys[2].at_secs = 1e12;
+                p.peak_speed_heights_per_sec = 0.5;
+            },
             |p| p.fov_y_deg = 180.0,
             |p| p.keys[0].eye_anchored = 1.0,
         ];

@@ -1,5 +1,10 @@
 //! Harness of the workspace's tests: scans, small models, the software adapter, running programs.
 
+pub mod ended;
+pub mod fuzz;
+pub mod samples;
+pub mod soak;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 

@@ -6,6 +6,7 @@ mod documents;
 mod dust;
 mod figures;
 mod format;
+mod hostile;
 mod kept;
 mod measuring;
 mod metadata;

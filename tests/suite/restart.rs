@@ -7,15 +7,15 @@ use std::time::{Duration, Instant};
 use hlod_tests::{bumpy_ball, program};
 
 /// A scan, and what an uninterrupted build makes of it.
-struct Model {
-    folder: tempfile::TempDir,
-    scan: PathBuf,
-    bytes: Vec<u8>,
+pub(crate) struct Model {
+    pub(crate) folder: tempfile::TempDir,
+    pub(crate) scan: PathBuf,
+    pub(crate) bytes: Vec<u8>,
     took: Duration,
 }
 
 impl Model {
-    fn new(rings: u32) -> Model {
+    pub(crate) fn new(rings: u32) -> Model {
         let folder = tempfile::tempdir().unwrap();
         let scan = folder.path().join("ball.ply");
         std::fs::write(&scan, bumpy_ball(rings)).unwrap();
@@ -27,12 +27,12 @@ impl Model {
         Model { folder, scan, bytes, took: start.elapsed() }
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
     /// Goes on with a build that was stopped; starts it where it had not begun.
-    fn finish(&self, output: &Path, what: &str) {
+    pub(crate) fn finish(&self, output: &Path, what: &str) {
         let mut resumed = command(&self.scan, output, &["--resume"]).output().unwrap();
         if said(&resumed).contains("no unfinished build") {
             resumed = command(&self.scan, output, &["--force"]).output().unwrap();
@@ -44,27 +44,27 @@ impl Model {
 }
 
 /// Small leaves and little memory: a dozen subtrees and levels above them.
-fn command(scan: &Path, output: &Path, more: &[&str]) -> Command {
+pub(crate) fn command(scan: &Path, output: &Path, more: &[&str]) -> Command {
     let mut command = program("hlod-build");
     command.arg("build").arg(scan).arg("-o").arg(output);
     command.args(["--leaf-triangles", "300", "--memory", "96MiB"]).args(more);
     command
 }
 
-fn work(output: &Path) -> PathBuf {
+pub(crate) fn work(output: &Path) -> PathBuf {
     PathBuf::from(format!("{}.work", output.display()))
 }
 
-fn said(output: &Output) -> String {
+pub(crate) fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-fn start(model: &Model, output: &Path) -> Child {
+pub(crate) fn start(model: &Model, output: &Path) -> Child {
     command(&model.scan, output, &[]).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap()
 }
 
 /// Waits until the journal has so many lines; says whether it came to that.
-fn wait_for_steps(output: &Path, child: &mut Child, lines: usize) -> bool {
+pub(crate) fn wait_for_steps(output: &Path, child: &mut Child, lines: usize) -> bool {
     let journal = work(output).join("journal");
     loop {
         let text = std::fs::read(&journal).unwrap_or_default();

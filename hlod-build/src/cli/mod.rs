@@ -6,13 +6,13 @@ mod progress_lines;
 mod tables;
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use hlod_build::progress::{Progress, Unit};
 use hlod_build::synth::{StatueOptions, describe, write_statue};
 use hlod_build::{
     MetadataReport, VerifyOptions, build, compare, export, info, list_steps, prepare,
-    read_metadata, run_step, verify,
+    read_metadata, run_step, verify, write_whole,
 };
 use hlod_compress::{METADATA_EXAMPLE, METADATA_SCHEMA};
 use outcome::Outcome;
@@ -91,7 +91,11 @@ fn run_build(args: &BuildArgs, progress: &Bars, quiet: bool) -> Outcome {
     options.metadata = args.meta.as_deref().map(read_metadata).transpose()?;
     if let (Some(metadata), Some(path), false) = (&options.metadata, &args.meta, quiet) {
         for key in metadata.unknown_keys() {
-            eprintln!("{}: {key} is kept; nothing is known of it", path.display());
+            let _ = writeln!(
+                std::io::stderr(),
+                "{}: {key} is kept; nothing is known of it",
+                path.display()
+            );
         }
     }
     start_work(args.threads, progress)?;
@@ -107,7 +111,7 @@ fn run_build(args: &BuildArgs, progress: &Bars, quiet: bool) -> Outcome {
     if !quiet {
         for input in &report.inputs {
             for remark in tables::input_remarks(input) {
-                eprintln!("{}: {remark}", input.path.display());
+                let _ = writeln!(std::io::stderr(), "{}: {remark}", input.path.display());
             }
         }
     }
@@ -201,8 +205,7 @@ fn to_json(result: &impl Serialize) -> Result<String, Failure> {
 
 fn write_json(path: &Path, result: &impl Serialize) -> Outcome {
     let text = to_json(result)? + "\n";
-    std::fs::write(path, text)
-        .map_err(|e| Failure::Work(format!("{}: cannot write: {e}", PathBuf::from(path).display())))
+    Ok(write_whole(path, text.as_bytes())?)
 }
 
 fn print_line(text: &str) -> Outcome {

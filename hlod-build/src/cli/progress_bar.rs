@@ -1,5 +1,6 @@
 //! Progress on a terminal.
 
+use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -37,7 +38,7 @@ impl Bars {
             if stopped.swap(true, Ordering::Relaxed) {
                 std::process::exit(130);
             }
-            eprintln!("stopping; once more to stop at once");
+            let _ = writeln!(std::io::stderr(), "stopping; once more to stop at once");
         })
     }
 
@@ -91,7 +92,9 @@ impl Progress for Bars {
             lines.remark(text);
         }
         if self.visible {
-            self.bar().suspend(|| eprintln!("{text}"));
+            self.bar().suspend(|| {
+                let _ = writeln!(std::io::stderr(), "{text}");
+            });
         }
     }
 

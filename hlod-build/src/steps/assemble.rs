@@ -20,7 +20,7 @@ pub(crate) fn assemble(
     folder: &WorkFolder,
     parts: &[CellKey],
     (header, metadata): (Header, Option<&Metadata>),
-    output: &Path,
+    (output, force): (&Path, bool),
     progress: &dyn Progress,
 ) -> Result<(Header, Oddities), BuildError> {
     let mut records = Vec::new();
@@ -67,7 +67,7 @@ pub(crate) fn assemble(
     })?;
     out.flush().map_err(BuildError::io(output, "write"))?;
     drop(out);
-    aside.commit(output)?;
+    aside.commit(output, force)?;
     progress.end();
     Ok((writer.header().clone(), oddities))
 }

@@ -80,6 +80,7 @@ pub(crate) fn ingest(
         );
         let mut account = account?;
         account.sources = identities?.iter().map(Source::of).collect();
+        folder.check_inputs(scans)?;
         super::write_json(&account_file, &account)
     })?;
     read_account(folder)

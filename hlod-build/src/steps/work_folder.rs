@@ -51,12 +51,14 @@ pub(crate) struct InputStamp {
 impl InputStamp {
     pub(crate) fn of(scan: &PlacedScan) -> Result<InputStamp, BuildError> {
         let path = &scan.path;
-        let metadata = std::fs::metadata(path).map_err(|error| {
-            // The reader says it best.
-            match hlod_scan::ScanReader::open(path) {
-                Err(said) => BuildError::Scan(said),
-                Ok(_) => BuildError::io(path, "open")(error),
-            }
+        // Of what is no file, as a pipe, the reader says it best; nothing else may open it.
+        let found = std::fs::metadata(path).and_then(|metadata| match metadata.is_file() {
+            true => Ok(metadata),
+            false => Err(std::io::ErrorKind::InvalidInput.into()),
+        });
+        let metadata = found.map_err(|error| match hlod_scan::ScanReader::open(path) {
+            Err(said) => BuildError::Scan(said),
+            Ok(_) => BuildError::io(path, "open")(error),
         })?;
         let modified = metadata.modified().map_err(BuildError::io(path, "open"))?;
         let since = modified.duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
@@ -252,6 +254,20 @@ impl WorkFolder {
     /// Forgets that a step was done.
     pub(crate) fn forget(&mut self, step: &str) {
         self.done.remove(step);
+    }
+
+    /// That the inputs are still what they were when the build began: what was read of a file that is
+    /// being written is of no moment.
+    ///
+    /// # Errors
+    /// When one is another, or gone.
+    pub(crate) fn check_inputs(&self, scans: &[PlacedScan]) -> Result<(), BuildError> {
+        for (scan, before) in scans.iter().zip(&self.identity.inputs) {
+            if InputStamp::of(scan)? != *before {
+                return Err(BuildError::InputChanged(scan.path.clone()));
+            }
+        }
+        Ok(())
     }
 
     /// What is built from what.

@@ -197,6 +197,19 @@ struct Largest {
     bound: f64,
 }
 
+impl Largest {
+    /// How finely to sample where the stored error asks for `spacing`: unchanged as long as no sample
+    /// exceeds that error, which is four times as large.
+    fn spacing(&self, spacing: f64) -> f64 {
+        spacing.max(self.sampled / 4.0)
+    }
+}
+
+/// Pieces of triangles that are divided in one call of [`sample`], besides [`PIECES_A_TRIANGLE`]: far more
+/// than honest files need, and seconds.
+const PIECES_MAX: u64 = 1 << 22;
+const PIECES_A_TRIANGLE: u64 = 64;
+
 /// Samples a mesh: its vertices, and each triangle's inside down to pieces with edges of at most
 /// `spacing`.
 ///
@@ -205,10 +218,15 @@ struct Largest {
 /// largest sample by more than the finest pieces' covering radius are not looked into: they could
 /// change neither result. The same goes for *clusters* of triangles of about that size, by the
 /// distance of their middle and their radius; the farthest come first.
+///
+/// Where a sample already refutes the stored error, which may be 0 in a file that lies, `spacing` grows
+/// with the largest sample: by how much the file is wrong need not be found to a millionth. And no more
+/// than [`PIECES_MAX`] pieces, and some for each triangle, are looked into: what lies flat on the original
+/// with an error of 0 would never end.
 fn sample(mesh: &Mesh, spacing: f64, target: &Target, largest: &mut Largest) {
+    let mut pieces_left = PIECES_MAX + PIECES_A_TRIANGLE * mesh.triangles.len() as u64;
     let positions: Vec<DVec3> =
         mesh.positions.iter().map(|p| DVec3::from_array(p.map(f64::from))).collect();
-    let finest = spacing / 3f64.sqrt();
     let mut clusters: Vec<(f64, Cluster)> = clusters(mesh, &positions, spacing)
         .into_iter()
         .map(|cluster| (target.distance(cluster.middle.to_array()) + cluster.radius, cluster))
@@ -217,7 +235,7 @@ fn sample(mesh: &Mesh, spacing: f64, target: &Target, largest: &mut Largest) {
     let mut at_vertices = vec![f64::NAN; positions.len()];
     let mut pending = Vec::new();
     for (reach, cluster) in clusters {
-        if reach <= largest.sampled + finest {
+        if reach <= largest.sampled + largest.spacing(spacing) / 3f64.sqrt() {
             largest.bound = largest.bound.max(reach);
             continue;
         }
@@ -235,10 +253,13 @@ fn sample(mesh: &Mesh, spacing: f64, target: &Target, largest: &mut Largest) {
                 let longest = a.0.distance(b.0).max(b.0.distance(c.0)).max(c.0.distance(a.0));
                 let farthest = a.1.max(b.1).max(c.1);
                 let reach = farthest + longest / 3f64.sqrt();
-                if reach <= largest.sampled + finest || longest <= spacing {
+                let spacing = largest.spacing(spacing);
+                let is_fine = reach <= largest.sampled + spacing / 3f64.sqrt();
+                if is_fine || longest <= spacing || pieces_left == 0 {
                     largest.bound = largest.bound.max(reach);
                     continue;
                 }
+                pieces_left -= 1;
                 let [ab, bc, ca] = [(a, b), (b, c), (c, a)].map(|(p, q)| {
                     let middle = (p.0 + q.0) / 2.0;
                     (middle, target.distance(middle.to_array()))

@@ -72,7 +72,8 @@ impl Reference {
             let slot = match found {
                 Some(slot) => slot,
                 None => {
-                    let mut arena = Arena::new(gpu, size);
+                    let arena = Arena::new(gpu, size);
+                    let mut arena = arena.ok_or_else(|| gpu.error("no memory for the scan"))?;
                     let slot = arena.insert(gpu, &mesh, arenas.len());
                     arenas.push(arena);
                     slot.ok_or_else(|| gpu.error("a part of the scan is larger than a buffer"))?

@@ -1,5 +1,6 @@
 //! Commands that make figures: shot, plate, turntable, light-dome.
 
+use std::io::Write;
 use std::path::Path;
 
 use hlod_compress::{Header, Unit};
@@ -52,7 +53,10 @@ impl Opened {
     fn problems(&mut self) -> Vec<String> {
         let problems = self.models[0].take_problems();
         for problem in &problems {
-            eprintln!("hlod-render: {problem}; its ancestor is drawn in its place");
+            let _ = writeln!(
+                std::io::stderr(),
+                "hlod-render: {problem}; its ancestor is drawn in its place"
+            );
         }
         problems
     }
@@ -75,7 +79,10 @@ pub fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
         let lit = view.looks.apply(shot, &opened.framing);
         shot = lit.cut_open(*clip);
         if lit.shadow != shot.shadow {
-            eprintln!("hlod-render: shadows are not drawn of a statue that is cut open");
+            let _ = writeln!(
+                std::io::stderr(),
+                "hlod-render: shadows are not drawn of a statue that is cut open"
+            );
         }
     }
     let mut sheet = Sheet::of(&shot, width, height);

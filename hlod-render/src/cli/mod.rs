@@ -193,6 +193,10 @@ fn to_json(result: &impl Serialize) -> Result<String, Failure> {
 }
 
 fn write_file(path: &Path, text: &str) -> Outcome {
+    if !path.exists() || path.is_file() {
+        return Ok(hlod_render::files::write_whole(path, text.as_bytes())?);
+    }
+    // A terminal, a pipe.
     std::fs::write(path, text)
         .map_err(|e| Failure::Work(format!("{}: cannot write: {e}", path.display())))
 }

@@ -1,5 +1,6 @@
 //! Work on a statue that a session holds: measuring, notes, views.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
@@ -159,7 +160,7 @@ pub fn load_session(
     let remarks: Vec<String> =
         mismatch.into_iter().map(|why| format!("{}: {why}", path.display())).collect();
     for remark in &remarks {
-        eprintln!("hlod-render: {remark}");
+        let _ = writeln!(std::io::stderr(), "hlod-render: {remark}");
     }
     Ok((session, remarks))
 }
@@ -231,7 +232,7 @@ fn declared_by_file(leaves: &Leaves, report: &mut MeasureReport) -> Outcome {
             accuracy.value,
             accuracy.unit.name()
         );
-        eprintln!("hlod-render: {remark}");
+        let _ = writeln!(std::io::stderr(), "hlod-render: {remark}");
         report.remarks.push(remark);
     }
     Ok(())

@@ -2,7 +2,7 @@
 
 use std::io;
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use hlod_compress::{FormatError, HEADER_BYTES_MAX, Header};
 use ureq::Agent;
@@ -18,6 +18,8 @@ const BODY: Duration = Duration::from_secs(20);
 const REDIRECTS_MAX: u32 = 5;
 /// Failed reads are tried again so often, each time after twice as long.
 const RETRIES: u32 = 3;
+/// And no longer than this, since a server that does not answer is asked in vain.
+const PATIENCE: Duration = Duration::from_secs(8);
 const FIRST_PAUSE: Duration = Duration::from_millis(150);
 
 /// An open file.
@@ -40,6 +42,7 @@ enum Problem {
 impl HttpFile {
     pub(super) fn open(address: &str, cache: Option<&Path>) -> Result<HttpFile, FormatError> {
         let agent: Agent = Agent::config_builder()
+            .timeout_resolve(Some(CONNECT))
             .timeout_connect(Some(CONNECT))
             .timeout_recv_response(Some(ANSWER))
             .timeout_recv_body(Some(BODY))
@@ -110,12 +113,12 @@ struct Answer {
 
 /// Asks until there is an answer or no hope.
 fn with_retries(ask: impl Fn() -> Result<Answer, Problem>) -> Result<Answer, FormatError> {
-    let mut pause = FIRST_PAUSE;
+    let (mut pause, begin) = (FIRST_PAUSE, Instant::now());
     for attempt in 0.. {
         match ask() {
             Ok(answer) => return Ok(answer),
             Err(Problem::Lasting(why)) => return Err(lasting(why)),
-            Err(Problem::Passing(why)) if attempt == RETRIES => {
+            Err(Problem::Passing(why)) if attempt == RETRIES || begin.elapsed() > PATIENCE => {
                 return Err(FormatError::Io(io::Error::new(io::ErrorKind::NotConnected, why)));
             }
             Err(Problem::Passing(_)) => {

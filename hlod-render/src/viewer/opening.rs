@@ -141,14 +141,6 @@ impl Opening<'_> {
     fn screen(&self, window: &Arc<Window>) -> Result<(Screen, Arc<Gpu>), RenderError> {
         let display = self.event_loop.owned_display_handle();
         let (screen, gpu) = Screen::open(display, window.clone(), self.options.adapter)?;
-        let proxy = self.proxy.clone();
-        gpu.device.set_device_lost_callback(move |reason, why| {
-            // We destroy none, so that other reasons are all there are; dropping one is no loss.
-            if reason != wgpu::DeviceLostReason::Destroyed {
-                // The window is gone: nobody needs to know.
-                drop(proxy.send_event(Wake::Failed(why)));
-            }
-        });
         Ok((screen, Arc::new(gpu)))
     }
 

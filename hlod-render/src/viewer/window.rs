@@ -157,10 +157,12 @@ impl ApplicationHandler<Wake> for App {
     }
 
     fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
-        self.attempt(event_loop, |app| match &mut app.open {
-            Some(open) => open.on_event(&event),
-            None => Ok(()),
-        });
+        let Some(open) = &mut self.open else { return };
+        match open.on_event(&event) {
+            // The device was lost, or its driver gave up: a new one may do.
+            Err(RenderError::Gpu { why, .. }) => self.begin_again(event_loop, why),
+            result => drop(self.attempt(event_loop, |_| result)),
+        }
     }
 
     fn user_event(&mut self, event_loop: &ActiveEventLoop, wake: Wake) {

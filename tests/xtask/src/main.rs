@@ -1,14 +1,16 @@
 //! The commands of this repository: `./x demo`, `./x test`, `./x bless`,
-//! `./x scale`.
+//! `./x scale`, `./x fuzz`, `./x soak`.
 //!
 //! Depends on the standard library only, so that it compiles in seconds and can say what the
 //! system lacks, and how long the rest takes, before anything heavy begins.
 
 mod bless;
 mod demo;
+mod fuzz;
 mod options;
 mod run;
 mod scale;
+mod soak;
 mod system;
 mod test;
 
@@ -39,6 +41,8 @@ fn main() -> ExitCode {
         Command::Test(options) => test::test(&options),
         Command::Bless { name } => bless::bless(&name),
         Command::Scale(options) => scale::scale(&options),
+        Command::Fuzz { arguments } => fuzz::fuzz(&arguments),
+        Command::Soak { arguments } => soak::soak(&arguments),
     });
     let (message, status) = match result {
         Ok(status) => return status,

@@ -8,8 +8,18 @@ pub enum Command {
     Help,
     Demo(DemoOptions),
     Test(TestOptions),
-    Bless { name: String },
+    Bless {
+        name: String,
+    },
     Scale(ScaleOptions),
+    /// Handed on as they are to the program that does it.
+    Fuzz {
+        arguments: Vec<String>,
+    },
+    /// The same.
+    Soak {
+        arguments: Vec<String>,
+    },
 }
 
 #[derive(Debug, PartialEq, Eq)]
@@ -46,6 +56,8 @@ pub fn parse(arguments: impl IntoIterator<Item = String>) -> Result<Command, Fai
         "test" => test(arguments).map(Command::Test),
         "bless" => bless(arguments),
         "scale" => scale(arguments).map(Command::Scale),
+        "fuzz" => Ok(Command::Fuzz { arguments: arguments.collect() }),
+        "soak" => Ok(Command::Soak { arguments: arguments.collect() }),
         "help" | "-h" | "--help" => Ok(Command::Help),
         _ => Err(Failure::Usage(format!("There is no command '{command}'."))),
     }
@@ -154,6 +166,8 @@ mod tests {
                 may_install: true
             }))
         );
+        let arguments = vec!["--seconds".to_owned(), "5".into(), "ply".into()];
+        assert_eq!(parsed("fuzz --seconds 5 ply"), Some(Command::Fuzz { arguments }));
         assert_eq!(parsed("bless igea"), Some(Command::Bless { name: "igea".into() }));
     }
 

@@ -1,0 +1,6 @@
+//! `project` of `hlod_tests::fuzz`.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    (hlod_tests::fuzz::target("project").run)(bytes);
+});
