@@ -21,6 +21,7 @@ struct Point {
     clip: vec2<f32>,
 }
 
+// Not for `if`: see `Frame`.
 fn perspective() -> bool {
     return frame.eye.w > 0.5;
 }
@@ -71,12 +72,13 @@ struct Splat {
 fn splat_at(p: Point, pixel: vec2<f32>) -> Splat {
     let ndc = (pixel / vec2<f32>(frame.size.xy) * 2.0 - 1.0) * vec2(1.0, -1.0);
     // From the point's centre to where the line of sight is at its depth.
-    var direction = vec3(0.0, 0.0, 1.0);
-    var beside = vec3(ndc * frame.points.xy - p.view.xy, 0.0);
-    if perspective() {
-        direction = vec3(ndc * frame.points.xy / frame.points.z, 1.0);
-        beside = vec3(direction.xy * p.view.z - p.view.xy, 0.0);
-    }
+    let through = vec3(ndc * frame.points.xy / frame.points.z, 1.0);
+    let direction = select(vec3(0.0, 0.0, 1.0), through, perspective());
+    let beside = select(
+        vec3(ndc * frame.points.xy - p.view.xy, 0.0),
+        vec3(through.xy * p.view.z - p.view.xy, 0.0),
+        perspective(),
+    );
     // Where it meets the surface's plane; never farther than the ball allows.
     let facing = dot(p.normal, direction);
     let met = -dot(p.normal, beside) / select(facing, 1e-6, abs(facing) < 1e-6);
@@ -88,10 +90,11 @@ fn splat_at(p: Point, pixel: vec2<f32>) -> Splat {
     let limit = p.radius * p.radius;
     // Between points that overlap the nearer middle wins.
     let depth_along = along + 0.5 * p.radius * clamp(passing / limit, 0.0, 1.0);
-    var depth = p.clip.x - depth_along / frame.points.z;
-    if perspective() {
-        depth = p.clip.x / (p.clip.y + depth_along / frame.points.z);
-    }
+    let depth = select(
+        p.clip.x - depth_along / frame.points.z,
+        p.clip.x / (p.clip.y + depth_along / frame.points.z),
+        perspective(),
+    );
     // Normals of scanned points are not exact: where one that grazes the line of sight turns away
     // from the eye, another sign would be another light. Mirrored, it hardly moves.
     let sight = normalize(direction);

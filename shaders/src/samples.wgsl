@@ -70,7 +70,7 @@ fn place(@builtin(global_invocation_id) id: vec3<u32>) {
     samples[pixel] = sample;
     if sample.next == TURNED {
         atomicStore(&occlusion[pixel], HIDDEN);
-    } else if sample.next == UNBINNED && frame.shadow.w > 0.0 {
+    } else if (sample.next == UNBINNED) & (frame.shadow.w > 0.0) {
         atomicStore(&occlusion[pixel], u32(below_horizon(seen.model, normal) * f32(HIDDEN)));
     }
 }

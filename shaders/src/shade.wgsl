@@ -70,8 +70,10 @@ fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32>
     if number == NONE {
         discard;
     }
+    // Always so, which no compiler knows: see `Frame`.
+    let drawn = number < 0x7fffffffu;
     let back = (identity & BACK) != 0u;
-    if back && frame.shading.z > 0.5 {
+    if back & (frame.shading.z > 0.5) {
         return vec4(1.0, 0.0, 1.0, 1.0);
     }
 
@@ -89,13 +91,13 @@ fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32>
     let position = seen.world;
     var n = normalize((frame.world_from_model * vec4(normal, 0.0)).xyz);
     var albedo = frame.material.rgb;
-    if frame.shading.y > 0.5 {
+    if drawn & (frame.shading.y > 0.5) {
         albedo = w.x * colour_of(a) + w.y * colour_of(b) + w.z * colour_of(c);
     }
 
     // Open surfaces have two sides: the one that is seen faces the eye.
     let to_eye = normalize(select(frame.eye.xyz, frame.eye.xyz - position, frame.eye.w > 0.5));
-    if CLIPPED && frame.bias.w > 0.5 {
+    if CLIPPED & (drawn & (frame.bias.w > 0.5)) {
         // The inside of a body: what is seen is the face in which it was cut. Skirts stand inside, too. Points
         // have no backs but their normals.
         let outwards = (frame.world_from_model * vec4(octahedral(vertices[a].normal), 0.0)).xyz;
@@ -106,10 +108,10 @@ fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32>
             return vec4(frame.clip_colours[plane].rgb, 1.0);
         }
     }
-    if back && frame.shading.w > 0.5 {
+    if back & (frame.shading.w > 0.5) {
         n = -n;
     }
-    if frame.scalar.x > 0.5 {
+    if drawn & (frame.scalar.x > 0.5) {
         // No light of its own: colours are to be compared with the legend's. A little of the shape stays.
         let facing = 0.55 + 0.45 * abs(dot(n, to_eye));
         return vec4(number_colour(a, b, c, w) * facing, 1.0);
@@ -119,7 +121,7 @@ fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32>
     // side so that shadowed parts keep their shape.
     let to_light = normalize(select(frame.light.xyz, frame.light.xyz - position, frame.light.w > 0.5));
     var visibility = 1.0;
-    if frame.shadow.x > 0.5 {
+    if drawn & (frame.shadow.x > 0.5) {
         visibility -= f32(occlusion[number_of(vec2<u32>(pixel.xy))]) / f32(HIDDEN);
     }
     let diffuse = visibility * max(dot(n, to_light), 0.0);

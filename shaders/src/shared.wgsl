@@ -2,6 +2,9 @@
 // centre of the root cube; world = models placed beside one another; clip = wgpu's, depth
 // reversed (1 at the near plane, 0 at infinity).
 
+// Where a shader branches on nothing but these numbers, software rasterisers (Mesa 22.3) compile it anew while
+// they change, which is in every frame, and keep what they compiled: memory without end. So they are chosen by with
+// `select`, or by `&` with something that differs between pixels: of `&&` the second half would again be a branch.
 struct Frame {
     clip_from_model: mat4x4<f32>,
     world_from_model: mat4x4<f32>,
@@ -116,13 +119,11 @@ fn number_of(pixel: vec2<u32>) -> u32 {
 
 // From clip space of the picture to that of the part, for fixed function.
 fn in_window(clip: vec4<f32>) -> vec4<f32> {
-    if all(frame.window.zw == frame.size.xy) {
-        return clip;
-    }
     let whole = vec2<f32>(frame.size.xy);
     let part = vec2<f32>(frame.window.zw);
     let middle = (whole - 2.0 * vec2<f32>(frame.window.xy)) / part - 1.0;
-    return vec4(clip.xy * whole / part + vec2(middle.x, -middle.y) * clip.w, clip.zw);
+    let moved = vec4(clip.xy * whole / part + vec2(middle.x, -middle.y) * clip.w, clip.zw);
+    return select(moved, clip, all(frame.window.zw == frame.size.xy));
 }
 
 // Whether planes cut the statue open. Known when pipelines are made: a branch in the innermost loop costs
@@ -144,7 +145,7 @@ fn entered_plane(place: vec4<f32>) -> u32 {
     for (var i = 0u; i < 3u; i++) {
         let plane = frame.clip[i];
         let depth = -(dot(plane.xy, place.xy) + plane.w) / plane.z;
-        if plane.z > 0.0 && depth >= place.z && depth <= 1.0 && depth < farthest {
+        if (plane.z > 0.0) & (depth >= place.z) & (depth <= 1.0) & (depth < farthest) {
             farthest = depth;
             entered = i;
         }

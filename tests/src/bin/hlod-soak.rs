@@ -21,9 +21,8 @@ static ALLOCATOR: Counting = Counting;
 /// Devices are lost and made again, as when a laptop changes its GPU.
 const FRAMES_A_SOFTWARE_DEVICE: u32 = 500;
 
-/// The software rasteriser of Mesa 22.3 keeps some hundred KiB to MiB of every frame: it compiles shaders anew
-/// whenever a value changes on which they branch, and drops none. A session ends when it has so many bytes, so that
-/// the machine goes on.
+/// The software rasteriser of Mesa 22.3 keeps what it compiles, and compiles anew what branches on a value that
+/// changes (`shaders/src/shared.wgsl`): a session ends when it has so many bytes, so that the machine goes on.
 const SOFTWARE_BYTES_MAX: f64 = 8e9;
 
 /// What memory may grow by.
