@@ -3,6 +3,9 @@
 //! Each pass is assembled from the shared declarations and its own file; tests validate every one
 //! without a GPU and compare its structures with those that Rust fills in.
 
+#[cfg(test)]
+mod branches;
+
 /// A pass' complete source.
 #[derive(Debug, Clone, Copy)]
 pub struct Pass {
@@ -150,6 +153,18 @@ mod tests {
             Validator::new(ValidationFlags::all(), int64)
                 .validate(&module)
                 .unwrap_or_else(|e| panic!("{}: {e:?}", pass.name));
+        }
+    }
+
+    #[test]
+    fn no_pass_branches_on_what_is_the_same_for_a_whole_draw() {
+        for pass in ALL {
+            let module = naga::front::wgsl::parse_str(pass.source).unwrap();
+            let lines = branches::uniform_branches(&module).into_iter().map(|place| {
+                let begin = place.to_range().map_or(0, |range| range.start);
+                pass.source[begin..].lines().next().unwrap_or_default()
+            });
+            assert_eq!(lines.collect::<Vec<_>>(), [""; 0], "in {}", pass.name);
         }
     }
 }

@@ -99,7 +99,7 @@ fn below_horizon(point: vec3<f32>, normal: vec3<f32>) -> f32 {
 fn sample_of(point: vec3<f32>, normal: vec3<f32>, error: f32) -> Sample {
     let p = frame.light_from_model * vec4(point, 1.0);
     let limit = frame.shadow.z;
-    if p.w <= 0.0 || (limit > 0.0 && any(abs(p.xy) > vec2(p.w * limit))) {
+    if p.w <= 0.0 || ((limit > 0.0) & any(abs(p.xy) > vec2(p.w * limit))) {
         return Sample(0.0, 0.0, 0.0, 0.0, ABSENT);
     }
     let is_point = frame.light.w > 0.5;
@@ -112,14 +112,19 @@ fn sample_of(point: vec3<f32>, normal: vec3<f32>, error: f32) -> Sample {
     // What is seen and what casts are different surfaces: along the ray they may be this far apart.
     let slope = 1.0 / max(incidence, COSINE_MIN);
     let bias = (error + frame.bias.x) * slope;
-    if !is_point {
-        return Sample(p.x, p.y, p.z - bias, slope, UNBINNED);
-    }
+    let parallel = Sample(p.x, p.y, p.z - bias, slope, UNBINNED);
     // So far along the ray; never beyond the light.
     let reach = length(p.xyw);
     let share = clamp(1.0 - bias / reach, 1e-6, 1.0);
     let depth = p.z / (p.w * share);
-    return Sample(p.x / p.w, p.y / p.w, depth, -depth * slope / (reach * share), UNBINNED);
+    let spread = Sample(p.x / p.w, p.y / p.w, depth, -depth * slope / (reach * share), UNBINNED);
+    return Sample(
+        select(parallel.x, spread.x, is_point),
+        select(parallel.y, spread.y, is_point),
+        select(parallel.depth, spread.depth, is_point),
+        select(parallel.slack, spread.slack, is_point),
+        UNBINNED,
+    );
 }
 
 // How far a triangle among all arenas may be from the scan's, world space.

@@ -5,6 +5,7 @@
 // Where a shader branches on nothing but these numbers, software rasterisers (Mesa 22.3) compile it anew while
 // they change, which is in every frame, and keep what they compiled: memory without end. So they are chosen by with
 // `select`, or by `&` with something that differs between pixels: of `&&` the second half would again be a branch.
+// `branches.rs` looks for what was overlooked.
 struct Frame {
     clip_from_model: mat4x4<f32>,
     world_from_model: mat4x4<f32>,

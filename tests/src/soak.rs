@@ -32,7 +32,7 @@ pub struct SoakOptions {
 }
 
 /// What a session came to.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct SoakReport {
     /// Means of the process' resident memory in bytes, of tenths of the session; none where the system
     /// does not say.
@@ -52,23 +52,6 @@ pub struct SoakReport {
 }
 
 impl SoakReport {
-    /// Goes on with a session that followed.
-    pub fn add(&mut self, next: SoakReport) {
-        self.resident_bytes.extend(next.resident_bytes);
-        self.held_bytes.extend(next.held_bytes);
-        let is_first = self.descriptors == [0; 2];
-        let begin = if is_first {
-            (next.descriptors[0], next.threads[0])
-        } else {
-            (self.descriptors[0], self.threads[0])
-        };
-        self.descriptors = [begin.0, next.descriptors[1]];
-        self.threads = [begin.1, next.threads[1]];
-        self.bytes_read += next.bytes_read;
-        self.nodes += next.nodes;
-        self.problems.extend(next.problems);
-    }
-
     /// By what share the process' resident memory grew from its second tenth, when everything was used
     /// once, to the last.
     pub fn resident_growth(&self) -> Option<f64> {

@@ -36,24 +36,3 @@ fn shader_structures_are_as_large_as_those_of_rust() {
     assert_eq!(size_of::<hlod_render::passes::FrameUniform>(), 3 * 64 + 15 * 16 + 3 * 16);
     assert_eq!(size_of::<hlod_render::loader::GpuVertex>(), 16);
 }
-
-/// Lines whose condition is known for a whole draw: see `Frame` in `shared.wgsl`.
-fn uniform_branches(source: &str) -> Vec<&str> {
-    let signs = ["if frame.", "if all(frame.", "&& frame.", "|| frame.", "if perspective()"];
-    source.lines().filter(|line| signs.iter().any(|sign| line.contains(sign))).collect()
-}
-
-#[test]
-fn shaders_do_not_branch_on_what_is_the_same_for_a_whole_draw() {
-    assert_eq!(
-        uniform_branches("  if frame.shadow.x > 0.5 {\n  if a & (frame.size.x > 1u) {").len(),
-        1
-    );
-    for entry in std::fs::read_dir(workspace().join("shaders/src")).unwrap() {
-        let path = entry.unwrap().path();
-        if path.extension().is_some_and(|e| e == "wgsl") {
-            let source = std::fs::read_to_string(&path).unwrap();
-            assert_eq!(uniform_branches(&source), [""; 0], "in {}", path.display());
-        }
-    }
-}

@@ -1,10 +1,8 @@
 //! `hlod-soak [--frames N] [--cache MIB] [--seed N] [FILE]`: what `cargo xtask soak` runs. Without a file
 //! it makes a sample statue of 300,000 triangles.
 //!
-//! Exit status: 0 where memory stayed within 2 % after the second tenth of the frames, descriptors and
-//! threads did not become more, and nothing went wrong; 1 otherwise. On a GPU memory is what the process
-//! has; with a software rasteriser, which lies in the process and may lose memory of its own, it is what
-//! the program itself holds.
+//! Exit status: 0 where the process' memory, a software rasteriser's in it, stayed within 2 % after the second
+//! tenth of the frames, descriptors and threads did not become more, and nothing went wrong; 1 otherwise.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -13,17 +11,10 @@ use std::time::Instant;
 use hlod_build::synth::{StatueOptions, write_statue};
 use hlod_render::{AdapterChoice, Gpu};
 use hlod_tests::fuzz::memory::Counting;
-use hlod_tests::soak::{SoakOptions, SoakReport, soak};
+use hlod_tests::soak::{SoakOptions, soak};
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
-
-/// Devices are lost and made again, as when a laptop changes its GPU.
-const FRAMES_A_SOFTWARE_DEVICE: u32 = 500;
-
-/// The software rasteriser of Mesa 22.3 keeps what it compiles, and compiles anew what branches on a value that
-/// changes (`shaders/src/shared.wgsl`): a session ends when it has so many bytes, so that the machine goes on.
-const SOFTWARE_BYTES_MAX: f64 = 8e9;
 
 /// What memory may grow by.
 const GROWTH_MAX: f64 = 0.02;
@@ -80,24 +71,7 @@ fn run() -> Result<bool, String> {
         let mib = bytes.map_or("?".into(), |bytes| format!("{:.1}", bytes as f64 / 1048576.0));
         println!("{frame:>7} frames, {:>5.0} s, {mib} MiB", begin.elapsed().as_secs_f64());
     };
-    let is_software = gpu.info.device_type == wgpu::DeviceType::Cpu;
-    let most = if is_software { FRAMES_A_SOFTWARE_DEVICE } else { options.frames };
-    let (mut report, mut left, mut gpu) = (SoakReport::default(), options.frames, Some(gpu));
-    while left > 0 {
-        let frames = left.min(most);
-        let device = match gpu.take() {
-            Some(gpu) => gpu,
-            None => Gpu::headless(AdapterChoice::Best).map_err(|error| error.to_string())?,
-        };
-        let part = SoakOptions { frames, seed: options.seed + u64::from(left), ..options };
-        let part = soak(&device, &file, &part, &mut say).map_err(|error| error.to_string())?;
-        report.add(part);
-        left -= frames;
-        if is_software && report.resident_bytes.last().is_some_and(|b| *b > SOFTWARE_BYTES_MAX) {
-            println!("stopped {left} frames early: the rasteriser took too much memory");
-            break;
-        }
-    }
+    let report = soak(&gpu, &file, &options, &mut say).map_err(|error| error.to_string())?;
     let tenths = |bytes: &[f64]| {
         let mib: Vec<String> = bytes.iter().map(|b| format!("{:.1}", b / 1048576.0)).collect();
         mib.join(" ")
@@ -111,9 +85,8 @@ fn run() -> Result<bool, String> {
     let percent = |growth: Option<f64>| 100.0 * growth.unwrap_or(f64::NAN);
     println!("resident memory grew by {:.2} %", percent(report.resident_growth()));
     println!("what the program holds grew by {:.2} %", percent(report.held_growth()));
-    let judged = if is_software { report.held_growth() } else { report.resident_growth() };
     Ok(report.problems.is_empty()
-        && judged.is_none_or(|growth| growth < GROWTH_MAX)
+        && report.resident_growth().is_none_or(|growth| growth < GROWTH_MAX)
         && report.descriptors[1] <= report.descriptors[0]
         && report.threads[1] <= report.threads[0])
 }
