@@ -59,10 +59,10 @@ pub enum BuildError {
         /// How many faces it has.
         faces: u64,
     },
-    /// Points without normals cannot be lit.
+    /// Points without normals cannot be lit, and there are too few to estimate any.
     #[error(
-        "{path}: {lacking} of {points} points have no normal, without which they cannot be lit; \
-         compute normals first, in CloudCompare by Edit > Normals > Compute"
+        "{path}: {lacking} of {points} points have no normal, without which they cannot be lit, and lie in fewer \
+         than three places, from which none can be estimated"
     )]
     NoNormals {
         /// The first input.

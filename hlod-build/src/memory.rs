@@ -32,6 +32,12 @@ impl Memory {
     /// The allocator keeps a part of what was freed.
     const KEPT_SHARE: u64 = 12;
 
+    /// What the whole build has to be allowed so that bringing together gets `join_bytes`.
+    pub(crate) fn budget_of(join_bytes: u64) -> u64 {
+        let all = join_bytes.saturating_mul(2).saturating_add(Self::FIXED_BYTES);
+        (all / (Self::KEPT_SHARE - 1)).saturating_mul(Self::KEPT_SHARE)
+    }
+
     /// # Errors
     /// When one node of full leaves would not fit; `path` is what the error names.
     pub(crate) fn share(

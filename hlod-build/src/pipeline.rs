@@ -126,6 +126,8 @@ pub struct BuildReport {
     pub closed_oriented: bool,
     /// Vertices of no triangle, left out.
     pub vertices_unused: u64,
+    /// Normals of points that were estimated because the input has none.
+    pub normals_estimated: u64,
     /// What is odd about the triangles.
     #[serde(flatten)]
     pub oddities: Oddities,
@@ -406,6 +408,7 @@ impl Built {
             precision: survey.precision,
             closed_oriented: survey.closed_oriented,
             vertices_unused: survey.vertices_unused.saturating_sub(welded),
+            normals_estimated: account.normals_estimated,
             oddities,
             costs,
             inputs: account.reports,

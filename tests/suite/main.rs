@@ -2,6 +2,7 @@
 
 mod build;
 mod clip;
+mod clouds;
 mod documents;
 mod dust;
 mod figures;

@@ -36,7 +36,7 @@ pub enum ScanError {
 
     /// Neither content nor extension is that of a format read here.
     #[error(
-        "{at}: neither the content nor the extension is PLY, OBJ, STL or glTF 2.0; \
+        "{at}: neither the content nor the extension is PLY, OBJ, STL, glTF 2.0, LAS or E57; \
          convert the scan to one of these (binary PLY keeps most)"
     )]
     UnknownFormat {

@@ -1,4 +1,4 @@
-//! Streaming readers for scans: PLY, OBJ, STL and glTF 2.0 into batches of vertices
+//! Streaming readers for scans: PLY, OBJ, STL, glTF 2.0, LAS and E57 into batches of vertices
 //! and triangles.
 //!
 //! [`ScanReader`] opens one file and hands out [`Batch`]es in file order; [`load`]
@@ -9,6 +9,7 @@
 //! | PLY | ASCII, binary of both byte orders; any element and property | fixed; with faces of four and more corners also 24 bytes a vertex, on disk beyond the room given |
 //! | STL | ASCII, binary | fixed |
 //! | glTF 2.0 | `.glb`, `.gltf` with sibling files or `data:` URIs | the JSON part, sparse accessors |
+//! | LAS, LAZ, E57 | points with colours, behind the features `las` and `e57` | a few batches |
 //! | OBJ | vertices, normals, colours, faces | the whole model, on disk beyond the room given |
 //! | textures of OBJ, PLY and glTF | PNG, JPEG, TIFF; become colours of vertices | 4 bytes a texel, and 50 bytes a vertex, on disk beyond the room given |
 //!
@@ -21,6 +22,7 @@
 //! from images), then `polygon` (triangulation) and `mesh` (welding,
 //! normals).
 
+mod cloud;
 mod error;
 mod gltf;
 mod input;
@@ -46,7 +48,7 @@ use serde::{Deserialize, Serialize};
 pub use error::{Place, ScanError, Spot};
 pub use mesh::{NormalSum, ScanMesh, Weld, angle_weighted_normals, load, weld_exact};
 pub use project::{PlacedScan, place_scans};
-pub use report::ScanReport;
+pub use report::{ScanReport, Station};
 pub use texture::{ColourReport, ColourSource, ColourTaken, TextureReport};
 pub use transform::Transform;
 
@@ -114,6 +116,10 @@ pub enum ScanFormat {
     Gltf,
     /// Binary glTF 2.0.
     Glb,
+    /// LAS, or LAZ, which is the same compressed: points.
+    Las,
+    /// E57: points.
+    E57,
 }
 
 impl fmt::Display for ScanFormat {
@@ -127,6 +133,8 @@ impl fmt::Display for ScanFormat {
             ScanFormat::StlBinary => "STL (binary)",
             ScanFormat::Gltf => "glTF 2.0",
             ScanFormat::Glb => "glTF 2.0 (binary)",
+            ScanFormat::Las => "LAS",
+            ScanFormat::E57 => "E57",
         })
     }
 }
@@ -247,6 +255,7 @@ impl ScanReader {
                 ply::open(input, &room, (colour, keep), &mut report, progress)?
             }
             ScanFormat::Obj => obj::open(input, &room, colour, &mut report, progress)?,
+            ScanFormat::Las | ScanFormat::E57 => cloud::open(input, format, colour, &mut report)?,
             ScanFormat::StlAscii => stl::open_ascii(input),
             ScanFormat::StlBinary => stl::open_binary(input, &mut report)?,
             ScanFormat::Gltf | ScanFormat::Glb => {
@@ -324,6 +333,9 @@ impl ScanReader {
             }
             Ok(None) => {
                 self.ended = true;
+                if let Some(mover) = &self.mover {
+                    self.report.stations.iter_mut().for_each(|station| mover.move_station(station));
+                }
                 self.check_something_was_read()?;
             }
             Err(_) => self.ended = true,

@@ -37,6 +37,12 @@ pub struct ScanReport {
     pub strip_stitches: u64,
     /// Vertices of a file with normals whose own normal is zero or not a number.
     pub normals_absent: u64,
+    /// Points passed over because their scan says that they are none.
+    #[serde(default)]
+    pub points_invalid: u64,
+    /// Where the scans of a cloud were taken from, in their order.
+    #[serde(default)]
+    pub stations: Vec<Station>,
     /// Vertices merged because their positions are equal ([`load`](crate::load) only).
     pub vertices_welded: u64,
     /// Where it was told to stand; positions and normals delivered are moved by it.
@@ -49,6 +55,15 @@ pub struct ScanReport {
     pub skipped: Vec<String>,
     /// What is odd about the file, but no reason to refuse it.
     pub warnings: Vec<String>,
+}
+
+/// One scan of a cloud of several.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Station {
+    /// Its points begin here; they end where those of the next one begin.
+    pub first_vertex: u64,
+    /// Where the scanner stood, in the coordinates of what is delivered; `None` if that is unknown.
+    pub position: Option<[f64; 3]>,
 }
 
 impl ScanReport {
@@ -67,6 +82,8 @@ impl ScanReport {
             normals_absent: 0,
             transform: None,
             colours: ColourReport::default(),
+            points_invalid: 0,
+            stations: Vec::new(),
             vertices_welded: 0,
             skipped: Vec::new(),
             warnings: Vec::new(),

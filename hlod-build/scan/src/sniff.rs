@@ -36,6 +36,12 @@ pub(crate) fn format_of(input: &mut Input) -> Result<ScanFormat, ScanError> {
     if head.starts_with(b"glTF") {
         return Ok(ScanFormat::Glb);
     }
+    if head.starts_with(b"LASF") {
+        return Ok(ScanFormat::Las);
+    }
+    if head.starts_with(b"ASTM-E57") {
+        return Ok(ScanFormat::E57);
+    }
     if is_stl_size {
         return Ok(ScanFormat::StlBinary);
     }
@@ -55,6 +61,16 @@ pub(crate) fn format_of(input: &mut Input) -> Result<ScanFormat, ScanError> {
         "glb" => Ok(ScanFormat::Glb),
         "gltf" => Ok(ScanFormat::Gltf),
         "obj" => Ok(ScanFormat::Obj),
+        "las" | "laz" => Ok(ScanFormat::Las),
+        "e57" => Ok(ScanFormat::E57),
+        "ptx" | "pts" => Err(ScanError::Unsupported {
+            at,
+            what: format!(
+                "{}, a text of points whose columns differ from writer to writer,",
+                extension.to_uppercase()
+            ),
+            advice: "save it as E57 or PLY, in CloudCompare by File > Save",
+        }),
         "stl" if is_solid => Ok(ScanFormat::StlAscii),
         "stl" => Ok(ScanFormat::StlBinary),
         // OBJ has no magic; take a text whose first statement is one of OBJ's.

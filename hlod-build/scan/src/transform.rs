@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Place, ScanError, Spot};
 use crate::input::Input;
+use crate::report::Station;
 use crate::{Batch, unit_normal_or_zero};
 
 /// Longest text of a matrix, in bytes.
@@ -161,6 +162,12 @@ impl Mover {
             normals: normal_matrix(transform.linear()),
             is_mirroring: transform.is_mirroring(),
             vertices: 0,
+        }
+    }
+
+    pub(crate) fn move_station(&self, station: &mut Station) {
+        if let Some(position) = &mut station.position {
+            *position = self.matrix.transform_point3(DVec3::from_array(*position)).to_array();
         }
     }
 

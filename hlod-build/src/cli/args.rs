@@ -33,7 +33,7 @@ pub enum ProgressArg {
 
 #[derive(Subcommand)]
 pub enum Command {
-    /// Build an .hlod file from one or several scans (PLY, OBJ, STL, GLB, glTF).
+    /// Build an .hlod file from one or several scans (PLY, OBJ, STL, GLB, glTF, LAS, LAZ, E57).
     Build(BuildArgs),
     /// List or do the steps of a build that was begun with --prepare, on one machine or on several.
     Step(StepArgs),
@@ -76,7 +76,7 @@ pub struct JsonArgs {
 
 #[derive(Args)]
 pub struct CompareArgs {
-    /// What is right: a scan (PLY, OBJ, STL, GLB, glTF).
+    /// What is right: a scan (PLY, OBJ, STL, GLB, glTF, LAS, LAZ, E57).
     pub reference: PathBuf,
     /// What is measured against it.
     pub mesh: PathBuf,

@@ -4,11 +4,12 @@ use bytemuck::{Pod, Zeroable};
 use hlod_compress::{SCALARS_MAX, ScalarRange, SourceFile};
 use hlod_scan::{
     Batch, ColourSource, PlacedScan, ReadOptions, ScanError, ScanHeader, ScanReader, ScanReport,
-    VertexBatch,
+    Station, VertexBatch,
 };
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::normals::{NEIGHBOURS, estimate};
 use super::overlap::overlap;
 use super::weld::Soup;
 use super::work_folder::WorkFolder;
@@ -48,6 +49,9 @@ pub(crate) struct Account {
     pub(crate) scalars: Vec<ScalarAccount>,
     /// Vertices without a normal.
     pub(crate) normals_lacking: u64,
+    /// Of points, those that were estimated.
+    #[serde(default)]
+    pub(crate) normals_estimated: u64,
     /// Whether these are point clouds: then vertices are all there is.
     pub(crate) is_cloud: bool,
     pub(crate) sources: Vec<Source>,
@@ -131,6 +135,7 @@ fn read_all(
         has_colours: false,
         scalars: keep.iter().map(ScalarAccount::new).collect(),
         normals_lacking: 0,
+        normals_estimated: 0,
         is_cloud: false,
         sources: Vec::new(),
         reports: Vec::new(),
@@ -140,6 +145,7 @@ fn read_all(
     let scalars = (!keep.is_empty()).then(|| RecordWriter::create(&folder.file(SCALARS)));
     let mut scalars = scalars.transpose()?;
     let names: Vec<String> = keep.iter().map(|kept| kept.name.clone()).collect();
+    let mut stations = Vec::new();
     for (number, scan) in scans.iter().enumerate() {
         let path = &scan.path;
         let mut bytes_before = 0;
@@ -247,13 +253,9 @@ fn read_all(
         if report.triangles == 0 && !account.is_cloud {
             return Err(BuildError::NoTriangles { path: path.clone(), faces: report.faces_read });
         }
+        stations.extend(stations_of(&report, first_vertex));
         report.warnings.extend(scan.remarks.iter().cloned());
         account.reports.push(report);
-    }
-    if account.is_cloud && account.normals_lacking > 0 {
-        let path = scans[0].path.clone();
-        let (lacking, points) = (account.normals_lacking, account.vertices);
-        return Err(BuildError::NoNormals { path, lacking, points });
     }
     vertices.finish()?;
     triangles.finish()?;
@@ -261,6 +263,15 @@ fn read_all(
     // What cannot be is said before the long steps.
     account.ranges()?;
     progress.end();
+    if account.is_cloud && account.normals_lacking > 0 {
+        let path = &scans[0].path;
+        let (count, by_scanner) = estimate(folder, path, &stations, memory_bytes, progress)?;
+        account.normals_estimated = count;
+        let sides = if by_scanner { "towards the scanners" } else { "alike, and outwards" };
+        account.reports[0].warnings.push(format!(
+            "{count} points have no normals: these are estimated from {NEIGHBOURS} neighbours each and turned {sides}"
+        ));
+    }
     Ok(account)
 }
 
@@ -309,4 +320,16 @@ impl Account {
     pub(crate) fn ranges(&self) -> Result<Vec<ScalarRange>, BuildError> {
         self.scalars.iter().map(ScalarAccount::range).collect()
     }
+}
+
+/// Where the scans of an input were taken from, by the number of their first vertex among all.
+fn stations_of(report: &ScanReport, first_vertex: u64) -> Vec<Station> {
+    if report.stations.is_empty() {
+        return vec![Station { first_vertex, position: None }];
+    }
+    let shifted = report
+        .stations
+        .iter()
+        .map(|station| Station { first_vertex: first_vertex + station.first_vertex, ..*station });
+    shifted.collect()
 }

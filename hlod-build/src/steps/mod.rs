@@ -15,6 +15,7 @@ pub(crate) mod assemble;
 pub(crate) mod ingest;
 mod join;
 pub(crate) mod nodes;
+mod normals;
 mod overlap;
 pub(crate) mod plan;
 pub(crate) mod scatter;

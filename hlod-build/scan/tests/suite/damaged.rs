@@ -57,7 +57,10 @@ fn what_is_no_scan() {
     let (error, _) = refusal("a.ply", "");
     assert!(matches!(error, ScanError::EmptyFile { .. }) && !error.is_usage());
     let (error, message) = refusal("a.docx", "PK\x03\x04 and so on");
-    assert!(error.is_usage() && message.contains("PLY, OBJ, STL or glTF"), "{message}");
+    assert!(
+        error.is_usage() && message.contains("PLY, OBJ, STL, glTF 2.0, LAS or E57"),
+        "{message}"
+    );
     for name in ["a.ply", "a.obj", "a.stl", "a.glb", "a.gltf"] {
         let (error, _) = refusal(name, [0x81; 3000]);
         assert!(!error.is_usage());

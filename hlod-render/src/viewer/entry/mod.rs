@@ -17,7 +17,7 @@ use self::builder::{Build, Order, Outcome};
 use crate::source::is_address;
 
 /// Extensions of what can be built, as dialogs filter by them.
-const SCANS: [&str; 6] = ["ply", "obj", "stl", "glb", "gltf", "mlp"];
+const SCANS: [&str; 9] = ["ply", "obj", "stl", "glb", "gltf", "las", "laz", "e57", "mlp"];
 
 /// What a file is to this program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -50,8 +50,8 @@ pub fn start(ui: &mut Ui, entry: &mut Entry, recent: &[PathBuf], adapter: (&str,
                     ui.add_space(8.0);
                     names(ui, entry, &mut asked);
                     ui.add_space(4.0);
-                    let text = "or drop an .hlod file here, or a scan to be built: PLY, OBJ, STL, glTF, \
-                                projects of MeshLab.";
+                    let text = "or drop an .hlod file here, or a scan to be built: PLY, OBJ, STL, glTF, LAS, \
+                                E57, projects of MeshLab.";
                     ui.label(RichText::new(text).size(SMALL));
                     problem(ui, entry);
                     opened_before(ui, entry, recent, &mut asked);
