@@ -62,7 +62,7 @@ pub enum BuildError {
     /// Points without normals cannot be lit, and there are too few to estimate any.
     #[error(
         "{path}: {lacking} of {points} points have no normal, without which they cannot be lit, and lie in fewer \
-         than three places, from which none can be estimated"
+         than 16 places, from which none can be estimated"
     )]
     NoNormals {
         /// The first input.

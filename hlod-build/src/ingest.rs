@@ -90,7 +90,10 @@ fn detect_grid_step(positions: &[[f64; 3]]) -> Option<f64> {
     for (axis, step) in steps.iter_mut().enumerate() {
         let mut values: Vec<f64> = positions.iter().map(|p| p[axis]).collect();
         values.sort_by(f64::total_cmp);
-        *step = grid_step_of_sorted(&values)?;
+        // Coordinates come as f32 or as decimals of about that precision; if not, as f64, by which a grid
+        // shows far from the origin too.
+        *step = grid_step_of_sorted(&values, f32::EPSILON.into())
+            .or_else(|| grid_step_of_sorted(&values, 4.0 * f64::EPSILON))?;
     }
     let (smallest, largest) =
         steps.iter().fold((f64::INFINITY, 0.0f64), |(lo, hi), &s| (lo.min(s), hi.max(s)));
@@ -98,10 +101,10 @@ fn detect_grid_step(positions: &[[f64; 3]]) -> Option<f64> {
     (largest <= smallest * 1.001).then_some(smallest)
 }
 
-fn grid_step_of_sorted(values: &[f64]) -> Option<f64> {
+/// `noise` is what coordinates are rounded by, relative to the largest.
+fn grid_step_of_sorted(values: &[f64], noise: f64) -> Option<f64> {
     let (first, last) = (*values.first()?, *values.last()?);
-    // Coordinates come as f32, or as decimals of about that precision.
-    let noise = first.abs().max(last.abs()) * f64::from(f32::EPSILON);
+    let noise = first.abs().max(last.abs()) * noise;
     let distinct = values.windows(2).map(|w| w[1] - w[0]).filter(|&gap| gap > 2.0 * noise);
     let mut step = distinct.fold(f64::INFINITY, f64::min);
     if !step.is_finite() || step < 32.0 * noise {
@@ -211,6 +214,16 @@ mod tests {
             let found = detect_grid_step(&grid_points(step, offset)).unwrap();
             assert!((found / step - 1.0).abs() < 1e-4, "{found} for {step}");
         }
+        // Far away, in f64: only f64 still tells its multiples apart.
+        let (far, step) = (5_412_345.7, 0.0021);
+        let moved = |p: &[f64; 3]| p.map(|x| (x * 8191.0).round() * step + far);
+        let points: Vec<[f64; 3]> =
+            grid_points(1.0 / 8191.0, 0.0).iter().map(moved).collect();
+        let found = detect_grid_step(&points).unwrap();
+        assert!((found / step - 1.0).abs() < 1e-8, "{found}");
+        let as_f32: Vec<[f64; 3]> = points.iter().map(|p| p.map(|x| f64::from(x as f32))).collect();
+        let found = detect_grid_step(&as_f32);
+        assert!(found.is_none_or(|found| found > 0.1), "{found:?}");
     }
 
     #[test]

@@ -7,8 +7,8 @@ use hlod_build::progress::Silent;
 use hlod_build::{
     BuildError, BuildOptions, BuildReport, Selection, VerifyOptions, build, export, verify,
 };
-use hlod_compress::RepresentationKind;
-use hlod_scan::{Batch, ScanError, ScanReader};
+use hlod_compress::{HlodFile, RepresentationKind};
+use hlod_scan::{Batch, ColourSource, ReadOptions, ScanError, ScanReader};
 
 /// Where national grids have their statues.
 const FAR: DVec3 = DVec3::new(654_321.25, 5_412_345.5, 312.125);
@@ -45,6 +45,7 @@ fn write_las(path: &Path, points: &[DVec3], colour_max: u16) {
                 y: at.y,
                 z: at.z,
                 color: Some(las::Color::new(scaled, colour_max, 0)),
+                intensity: red(*p),
                 gps_time: Some(0.0),
                 is_withheld: i % 100 == 0,
                 ..las::Point::default()
@@ -72,6 +73,7 @@ fn write_e57(path: &Path, points: &[DVec3], has_poses: bool) {
             Record::COLOR_RED_U8,
             Record::COLOR_GREEN_U8,
             Record::COLOR_BLUE_U8,
+            Record::INTENSITY_U16,
         ];
         let mut scan = writer.add_pointcloud(&format!("scan {side}"), prototype).unwrap();
         // A scanner 5 away on the x axis, turned half round z.
@@ -94,6 +96,7 @@ fn write_e57(path: &Path, points: &[DVec3], has_poses: bool) {
                 colour(i64::from(red(*p) >> 8)),
                 colour(255),
                 colour(0),
+                RecordValue::Integer(red(*p).into()),
             ])
             .unwrap();
         }
@@ -114,7 +117,10 @@ fn files() -> Files {
     Files(tempfile::tempdir().unwrap())
 }
 
-fn read(path: &Path) -> Result<(Vec<DVec3>, Vec<[u8; 4]>, u64), ScanError> {
+/// Positions and colours, and how many points were passed over.
+type Cloud = (Vec<DVec3>, Vec<[u8; 4]>, u64);
+
+fn read(path: &Path) -> Result<Cloud, ScanError> {
     let mut reader = ScanReader::open(path)?;
     assert!(reader.header().is_point_cloud);
     let (mut positions, mut colours) = (Vec::new(), Vec::new());
@@ -153,6 +159,73 @@ fn every_format_gives_the_points_that_were_written() {
             assert!(off.abs() <= 1 && colour[1..] == [255, 0, 255], "{name}: {colour:?}");
         }
     }
+}
+
+/// What is kept of a cloud's points, besides their positions.
+fn kept(path: &Path, keep: &[&str]) -> Vec<(DVec3, Vec<f64>)> {
+    let names: Vec<String> = keep.iter().map(|name| (*name).to_owned()).collect();
+    let options = ReadOptions {
+        memory_bytes: 1 << 30,
+        scratch: path.parent().unwrap(),
+        colour: ColourSource::Auto,
+        transform: None,
+        progress: &mut |_| true,
+        keep: &names,
+    };
+    let mut reader = ScanReader::open_within(path, options).unwrap();
+    let mut out = Vec::new();
+    while let Some(Batch::Vertices(batch)) = reader.next_batch().unwrap() {
+        assert_eq!(batch.scalars.len(), keep.len());
+        let numbers = |i: usize| batch.scalars.iter().map(|column| column[i]).collect();
+        out.extend(batch.positions.iter().enumerate().map(|(i, p)| (*p - FAR, numbers(i))));
+    }
+    let left_out = reader.report().skipped.join("\n");
+    assert!(!left_out.contains("intensity"), "{left_out}");
+    out
+}
+
+#[test]
+fn intensities_are_kept_and_what_is_not_is_named() {
+    let files = files();
+    let points = ball(5_000);
+    write_las(&files.path("a.laz"), &points, 65535);
+    write_e57(&files.path("a.e57"), &points, true);
+    for (name, others) in [("a.laz", "gps_time"), ("a.e57", "intensity")] {
+        let found = kept(&files.path(name), &["colophon", "intensity"]);
+        assert_eq!(found.len(), 4_950);
+        for (p, numbers) in &found {
+            // Rounded as positions are, a point's own intensity changes by ten of 65,536.
+            let off = (numbers[1] - f64::from(red(*p))).abs();
+            assert!(numbers[0].is_nan() && off < 10.0, "{name}: {p} {numbers:?}");
+        }
+        let reader = ScanReader::open(&files.path(name)).unwrap();
+        let (skipped, there) = (reader.report().skipped.join("\n"), &reader.header().scalars);
+        assert!(skipped.contains(others), "{name}: {skipped}");
+        assert!(there.iter().any(|name| name == "intensity"), "{there:?}");
+    }
+    // Through the whole build; what the file has not is refused by name.
+    let with = |name: &str| {
+        let keep = vec![name.parse().unwrap()];
+        let options = BuildOptions { keep, force: true, ..BuildOptions::default() };
+        build(&[files.path("a.e57")], &files.path("a.hlod"), &options, &Silent)
+    };
+    let error = with("gps_time").unwrap_err().to_string();
+    assert!(error.contains("has intensity"), "{error}");
+    with("intensity").unwrap();
+    let header = HlodFile::open(&files.path("a.hlod")).unwrap().header().clone();
+    let (name, range) = header.scalars().next().unwrap();
+    assert!(name == "intensity" && range.value(1).is_some_and(|low| low < 400.0), "{range:?}");
+}
+
+/// Dark scans in 16 bits begin like scans in 8.
+#[test]
+fn colours_of_16_bits_are_told_wherever_they_begin() {
+    let files = files();
+    let mut points = vec![DVec3::NEG_X; 70_000];
+    points.extend([DVec3::X; 2]);
+    write_las(&files.path("late.las"), &points, 65535);
+    let (_, colours, _) = read(&files.path("late.las")).unwrap();
+    assert_eq!((colours[0][0], colours.last().unwrap()[0]), (0, 255));
 }
 
 fn built(input: &Path, output: &Path) -> Result<BuildReport, BuildError> {

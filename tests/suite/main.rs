@@ -5,6 +5,7 @@ mod clip;
 mod clouds;
 mod documents;
 mod dust;
+mod exports;
 mod figures;
 mod format;
 mod hostile;

@@ -255,7 +255,9 @@ impl ScanReader {
                 ply::open(input, &room, (colour, keep), &mut report, progress)?
             }
             ScanFormat::Obj => obj::open(input, &room, colour, &mut report, progress)?,
-            ScanFormat::Las | ScanFormat::E57 => cloud::open(input, format, colour, &mut report)?,
+            ScanFormat::Las | ScanFormat::E57 => {
+                cloud::open(input, format, (colour, keep), &mut report)?
+            }
             ScanFormat::StlAscii => stl::open_ascii(input),
             ScanFormat::StlBinary => stl::open_binary(input, &mut report)?,
             ScanFormat::Gltf | ScanFormat::Glb => {

@@ -41,7 +41,7 @@ pub enum Command {
     Info(InfoArgs),
     /// Check an .hlod file, and try to refute the errors it states.
     Verify(VerifyArgs),
-    /// Write one level of detail as a PLY file.
+    /// Write one level of detail as a PLY or GLB file.
     Export(ExportArgs),
     /// Measure how far a mesh is from a reference: distances and normals, by samples.
     Compare(CompareArgs),
@@ -317,7 +317,7 @@ pub enum Kind {
 pub struct ExportArgs {
     /// The .hlod file.
     pub file: PathBuf,
-    /// The PLY file to write.
+    /// The file to write: .ply, which is exact, or .glb (glTF) for viewers and web pages.
     #[arg(long, short)]
     pub output: PathBuf,
     /// Nodes of this depth (0 = the coarsest), and leaves above it.

@@ -239,7 +239,8 @@ pub fn info(info: &Info) -> String {
     format!(
         "{about}from         {}\nsize         {}, up {}, front {}\nprecision    {}\n\
          {many:<12} {} read, {} nodes, R = {}, T = {}{}\nattributes   {}\nsurface      {}\n\
-         errors       {} against the scan file; {}\n\n{parts}\n\n{levels}\n{legend}",
+         errors       {} against the scan file; {}\n\n{parts}\n\n{levels}\n{legend}\n\
+         (levels of detail for looking and measuring, not an archive: keep the scan)",
         sources.join("\n             "),
         with_unit(size.join(" × "), info.unit),
         info.up,
@@ -390,14 +391,22 @@ pub fn compare(report: &CompareReport) -> String {
 }
 
 pub fn export(report: &ExportReport, output: &Path) -> String {
-    format!(
+    let mut text = format!(
         "{}: {} vertices, {} triangles from {} nodes, error at most {}",
         output.display(),
         grouped(report.vertices),
         grouped(report.triangles),
         grouped(report.nodes),
         length(report.error_max),
-    )
+    );
+    if report.rounding_max > 0.0 {
+        text +=
+            &format!(", and {} by rounding to the format's numbers", length(report.rounding_max));
+    }
+    for name in &report.left_out {
+        text += &format!("\nnot written: {name}, for which this format has no place (PLY has one)");
+    }
+    text
 }
 
 pub fn synth(report: &StatueReport, output: &Path) -> String {

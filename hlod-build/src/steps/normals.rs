@@ -56,7 +56,7 @@ pub(crate) fn estimate(
     let vertices = RecordReader::<ScanVertex>::all(&file)?;
     folder.check_stop(progress)?;
     let (places, place_of) = places(&vertices);
-    if places.len() < 3 {
+    if places.len() < NEIGHBOURS {
         let lacking = vertices.iter().filter(|v| v.normal == [0.0; 3]).count() as u64;
         return Err(BuildError::NoNormals { path: path.to_owned(), lacking, points: count });
     }

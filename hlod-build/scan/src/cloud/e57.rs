@@ -10,7 +10,7 @@ use std::path::Path;
 use e57::{CartesianCoordinate, E57Reader, PointCloud};
 use glam::DVec3;
 
-use super::threaded::{Part, Sender, start};
+use super::threaded::{Part, Sender, report_left_out, start};
 use crate::error::{Place, ScanError, Spot};
 use crate::report::ScanReport;
 use crate::texture::ColourSource;
@@ -22,7 +22,7 @@ type Reader = E57Reader<BufReader<File>>;
 pub(super) fn open(
     path: &Path,
     file_bytes: u64,
-    colour: ColourSource,
+    (colour, keep): (ColourSource, &[String]),
     report: &mut ScanReport,
 ) -> Result<Opened, ScanError> {
     let at = Spot::new(path, Place::File);
@@ -44,17 +44,38 @@ pub(super) fn open(
     if images > 0 {
         report.skipped.push(format!("{images} pictures"));
     }
+    let has_intensity = clouds.iter().any(PointCloud::has_intensity);
+    let names: Vec<String> = has_intensity.then(|| INTENSITY.to_owned()).into_iter().collect();
+    report_left_out(&names, keep, report);
+    let wanted = Wanted { has_colours, keep: keep.iter().map(|name| name == INTENSITY).collect() };
     let read = move |sender: &Sender| {
         let mut progress = (0, points.max(1));
         let mut reader = reader;
         for cloud in &clouds {
-            if !read_scan(&mut reader, cloud, has_colours, &mut progress, &at, sender)? {
+            if !read_scan(&mut reader, cloud, &wanted, &mut progress, &at, sender)? {
                 break;
             }
         }
         Ok(())
     };
-    Ok(start(path, file_bytes, has_colours, report, read))
+    Ok(start(path, file_bytes, (has_colours, names), report, read))
+}
+
+/// The one number of points that can be kept.
+const INTENSITY: &str = "intensity";
+
+/// What is read of each point.
+struct Wanted {
+    has_colours: bool,
+    /// Whether each number to be kept is the intensity; others this format has not.
+    keep: Vec<bool>,
+}
+
+impl Wanted {
+    fn part(&self, share: f64) -> Part {
+        let scalars = vec![Vec::new(); self.keep.len()];
+        Part::new(VertexBatch { scalars, ..VertexBatch::default() }, share)
+    }
 }
 
 fn malformed(at: &Spot, error: &e57::Error) -> ScanError {
@@ -65,7 +86,7 @@ fn malformed(at: &Spot, error: &e57::Error) -> ScanError {
 fn read_scan(
     reader: &mut Reader,
     cloud: &PointCloud,
-    has_colours: bool,
+    wanted: &Wanted,
     (done, points): &mut (u64, u64),
     at: &Spot,
     sender: &Sender,
@@ -75,9 +96,11 @@ fn read_scan(
         [at.x, at.y, at.z]
     });
     let share = |done: u64| done as f64 / *points as f64;
-    let mut part = Part::new(VertexBatch::default(), share(*done));
+    let mut part = wanted.part(share(*done));
     part.station = Some(stood);
-    let found = reader.pointcloud_simple(cloud).map_err(|error| malformed(at, &error))?;
+    let mut found = reader.pointcloud_simple(cloud).map_err(|error| malformed(at, &error))?;
+    // Each scan's own limits would make the same surface differ between scans.
+    found.normalize_intensity(false);
     for point in found {
         let point = point.map_err(|error| malformed(at, &error))?;
         *done += 1;
@@ -90,15 +113,19 @@ fn read_scan(
             return Err(ScanError::NotFinite { at: at.clone(), vertex: *done - 1 });
         }
         part.batch.positions.push(position);
-        if has_colours {
+        if wanted.has_colours {
             part.batch.colours.push(point.color.map_or([255; 4], |c| {
                 let [r, g, b] = [c.red, c.green, c.blue].map(|x| unit_to_byte(x.into()));
                 [r, g, b, 255]
             }));
         }
+        for (column, is_intensity) in part.batch.scalars.iter_mut().zip(&wanted.keep) {
+            let number = point.intensity.filter(|_| *is_intensity);
+            column.push(number.map_or(f64::NAN, f64::from));
+        }
         if part.batch.positions.len() == BATCH_ITEMS_MAX {
             part.share = share(*done);
-            let full = std::mem::replace(&mut part, Part::new(VertexBatch::default(), 0.0));
+            let full = std::mem::replace(&mut part, wanted.part(0.0));
             if !sender.send(full) {
                 return Ok(false);
             }

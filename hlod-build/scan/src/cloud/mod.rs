@@ -16,25 +16,26 @@ use crate::error::{Place, ScanError, Spot};
 use crate::input::Input;
 use crate::report::ScanReport;
 use crate::texture::ColourSource;
-use crate::{Opened, ScanFormat};
+use crate::{KEEP_MAX, Opened, ScanFormat};
 
 /// Opens a cloud of a format told by its magic.
 pub(crate) fn open(
     input: Input,
     format: ScanFormat,
-    colour: ColourSource,
+    (colour, keep): (ColourSource, &[String]),
     report: &mut ScanReport,
 ) -> Result<Opened, ScanError> {
+    let wanted = (colour, &keep[..keep.len().min(KEEP_MAX)]);
     if colour == ColourSource::Texture {
         return Err(ScanError::NoTexture { at: Spot::new(input.path(), Place::File) });
     }
     match format {
         #[cfg(feature = "las")]
-        ScanFormat::Las => las::open(input.path(), input.file_bytes(), colour, report),
+        ScanFormat::Las => las::open(input.path(), input.file_bytes(), wanted, report),
         #[cfg(feature = "e57")]
-        ScanFormat::E57 => e57::open(input.path(), input.file_bytes(), colour, report),
+        ScanFormat::E57 => e57::open(input.path(), input.file_bytes(), wanted, report),
         _ => {
-            let _ = report;
+            let _ = (report, wanted);
             Err(ScanError::Unsupported {
                 at: Spot::new(input.path(), Place::File),
                 what: format!("{format}, which this program was built without,"),

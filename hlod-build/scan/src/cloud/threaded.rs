@@ -50,11 +50,11 @@ struct Threaded {
     share: f64,
 }
 
-/// Runs `read` on a thread and hands out what it sends.
+/// Runs `read` on a thread and hands out what it sends. `scalars` names all numbers that points have here.
 pub(super) fn start(
     path: &Path,
     file_bytes: u64,
-    has_colours: bool,
+    (has_colours, scalars): (bool, Vec<String>),
     report: &mut ScanReport,
     read: impl FnOnce(&Sender) -> Result<(), ScanError> + Send + 'static,
 ) -> Opened {
@@ -76,7 +76,7 @@ pub(super) fn start(
         has_colours,
         is_triangle_soup: false,
         is_point_cloud: true,
-        scalars: Vec::new(),
+        scalars,
         body: Box::new(Threaded {
             path: path.to_path_buf(),
             receiver,
@@ -85,6 +85,14 @@ pub(super) fn start(
             file_bytes,
             share: 0.0,
         }),
+    }
+}
+
+/// Says which numbers of points are not kept.
+pub(super) fn report_left_out(names: &[String], keep: &[String], report: &mut ScanReport) {
+    let left_out = names.iter().filter(|name| !keep.contains(name)).cloned().collect::<Vec<_>>();
+    if !left_out.is_empty() {
+        report.skipped.push(format!("of points: {}", left_out.join(", ")));
     }
 }
 

@@ -157,6 +157,11 @@ fn plan(
         }
         ("face", Some(list)) => Role::Faces(list),
         ("tristrips", Some(list)) => Role::Strips(list),
+        // Without its corners a surface would pass for a cloud.
+        ("face" | "tristrips", None) if element.count > 0 => {
+            let what = format!("element {} has no list vertex_indices", element.name);
+            return Err(ScanError::malformed(at.clone(), what));
+        }
         _ => Role::Skipped,
     };
     Ok(Plan { element, role })

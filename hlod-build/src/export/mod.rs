@@ -1,17 +1,19 @@
-//! One level of detail as a PLY file, for other programs.
+//! One level of detail as a file for other programs: PLY or binary glTF.
+
+mod glb;
+mod ply;
 
 use std::collections::{BTreeMap, BinaryHeap, HashMap};
-use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use hlod_compress::{
-    CellKey, HlodFile, Mesh, NodeRecord, PageContent, Representation, RepresentationKind, Scalars,
-    decode_page,
+    CellKey, Header, HlodFile, Mesh, NodeRecord, PageContent, Representation, RepresentationKind,
+    Scalars, decode_page,
 };
 use serde::Serialize;
 
 use crate::error::BuildError;
-use crate::output::{Aside, check_output};
+use crate::output::check_output;
 use crate::partition::Vertex;
 
 /// Which nodes are exported; together they always cover the model once.
@@ -39,13 +41,61 @@ pub struct ExportReport {
     pub nodes: u64,
     /// Largest geometric error among them, in the source's unit.
     pub error_max: f64,
+    /// How far rounding to the output's `f32` moved vertices at most besides, in the source's unit; 0 for PLY.
+    pub rounding_max: f64,
+    /// Kept numbers that the output's format has no place for.
+    pub left_out: Vec<String>,
 }
 
-/// Writes part of `path` to the PLY file `output`: binary, positions as `double` in source
-/// coordinates, normals, colours where there are any, kept numbers as `double`, NaN where there is none.
+/// What goes into an output.
+struct Exported {
+    /// Vertices that are equal in all they have are one; points are vertices without triangles.
+    mesh: Mesh,
+    header: Header,
+    /// Largest geometric error among the nodes, in the source's unit.
+    error_max: f64,
+    /// Whose it is, line by line, where someone said it.
+    about: Vec<String>,
+}
+
+impl Exported {
+    /// How far from the scan's surface this is, in words.
+    fn displacement(&self) -> String {
+        let unit = self.header.unit.name();
+        let step = self.header.lattice.step;
+        format!("within {} of the scan file, leaves within {step} (unit: {unit})", self.error_max)
+    }
+}
+
+/// Formats by the names' ends.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Ply,
+    Glb,
+}
+
+impl Format {
+    fn of(output: &Path) -> Result<Format, BuildError> {
+        let end = output.extension().and_then(|end| end.to_str()).map(str::to_lowercase);
+        match end.as_deref() {
+            Some("ply") => Ok(Format::Ply),
+            Some("glb") => Ok(Format::Glb),
+            _ => Err(BuildError::Usage(format!(
+                "{}: exports are .ply or .glb; name the output so",
+                output.display()
+            ))),
+        }
+    }
+}
+
+/// Writes part of `path` to `output`, whose name's end says the format. PLY: binary, positions as `double` in
+/// source coordinates, normals, colours where there are any, kept numbers as `double`, NaN where there is
+/// none. GLB: in metres where the unit is declared, +y up and +z to the front, positions as `f32` about
+/// their middle, normals, linear colours.
 ///
 /// # Errors
-/// When the file is damaged, or the output exists (without `force`) or cannot be written.
+/// When the file is damaged, the output's name tells no format, or the output exists (without `force`) or cannot
+/// be written.
 pub fn export(
     path: &Path,
     output: &Path,
@@ -53,22 +103,49 @@ pub fn export(
     kind: RepresentationKind,
     force: bool,
 ) -> Result<ExportReport, BuildError> {
+    let format = Format::of(output)?;
     check_output(&[path.to_owned()], output, force)?;
     let file = HlodFile::open(path).map_err(BuildError::format(path))?;
     let nodes = file.read_skeleton().map_err(BuildError::format(path))?;
     let nodes: BTreeMap<CellKey, NodeRecord> = nodes.into_iter().map(|n| (n.cell, n)).collect();
     let front = front(&nodes, selection, kind);
+    let exported = collect(&file, path, front.iter().map(|cell| &nodes[cell]), kind)?;
+    let target = (output, force);
+    let (rounding_max, left_out) = match format {
+        Format::Ply => (ply::write(&exported, target).map(|()| 0.0)?, Vec::new()),
+        Format::Glb => {
+            let left_out = exported.header.scalars().map(|(name, _)| name.to_owned()).collect();
+            (glb::write(&exported, target)?, left_out)
+        }
+    };
+    Ok(ExportReport {
+        vertices: exported.mesh.positions.len() as u64,
+        triangles: exported.mesh.triangles.len() as u64,
+        nodes: front.len() as u64,
+        error_max: exported.error_max,
+        rounding_max,
+        left_out,
+    })
+}
 
-    // Join vertices that are equal in every attribute: neighbours share their borders.
+/// Reads the pages of nodes and welds them: neighbours share their borders.
+fn collect<'a>(
+    file: &HlodFile,
+    path: &Path,
+    nodes: impl Iterator<Item = &'a NodeRecord>,
+    kind: RepresentationKind,
+) -> Result<Exported, BuildError> {
     let mut mesh = Mesh::default();
     let mut index_of: HashMap<Vertex, u32> = HashMap::new();
     let mut error_max = 0.0f64;
-    for cell in &front {
-        let Some(representation) = nodes[cell].representation(kind) else { continue };
+    let header = file.header().clone();
+    let keeps_numbers = header.scalars().next().is_some();
+    for node in nodes {
+        let Some(representation) = node.representation(kind) else { continue };
         let page = file.read_page(representation.page).map_err(BuildError::format(path))?;
         let PageContent { mesh: mut part, mut points } =
             decode_page(&page).map_err(BuildError::format(path))?;
-        if file.header().scalars().next().is_some() {
+        if keeps_numbers {
             // Pages without any value say nothing of them.
             part.scalars.resize(part.positions.len(), Scalars::default());
             points.scalars.resize(points.positions.len(), Scalars::default());
@@ -86,19 +163,12 @@ pub fn export(
         mesh.triangles.extend(part.triangles.iter().map(|t| t.map(|v| new_from_old[v as usize])));
         error_max = error_max.max(f64::from(representation.errors.geometric));
     }
-
-    write_ply(&mesh, &file, (output, force), error_max)?;
-    Ok(ExportReport {
-        vertices: mesh.positions.len() as u64,
-        triangles: mesh.triangles.len() as u64,
-        nodes: front.len() as u64,
-        error_max,
-    })
-}
-
-/// A name without what would end it in a PLY header: files come from anywhere.
-fn property_name(name: &str) -> String {
-    name.chars().map(|c| if c.is_whitespace() || c.is_control() { '_' } else { c }).collect()
+    let metadata = file.read_metadata().map_err(BuildError::format(path))?;
+    let said = metadata.map(|metadata| metadata.lines()).unwrap_or_default();
+    let is_whose = |name: &str| ["title", "holder", "credit", "rights"].contains(&name);
+    let about = said.into_iter().filter(|(name, _)| is_whose(name));
+    let about = about.map(|(name, text)| format!("{name}: {text}")).collect();
+    Ok(Exported { mesh, header, error_max, about })
 }
 
 /// The cells to export, in order.
@@ -149,69 +219,4 @@ fn front(
     }
     out.sort();
     out
-}
-
-fn write_ply(
-    mesh: &Mesh,
-    file: &HlodFile,
-    (output, force): (&Path, bool),
-    error_max: f64,
-) -> Result<(), BuildError> {
-    let aside = Aside::create(output)?;
-    let mut out = BufWriter::with_capacity(1 << 20, aside.file());
-    let lattice = file.header().lattice;
-    let write = |out: &mut BufWriter<&std::fs::File>| -> std::io::Result<()> {
-        writeln!(out, "ply\nformat binary_little_endian 1.0")?;
-        writeln!(
-            out,
-            "comment within {error_max} {} of the scan file, leaves within {}",
-            file.header().unit.name(),
-            lattice.step
-        )?;
-        writeln!(out, "element vertex {}", mesh.positions.len())?;
-        for axis in ["x", "y", "z"] {
-            writeln!(out, "property double {axis}")?;
-        }
-        for axis in ["nx", "ny", "nz"] {
-            writeln!(out, "property float {axis}")?;
-        }
-        if mesh.has_colours() {
-            for channel in ["red", "green", "blue", "alpha"] {
-                writeln!(out, "property uchar {channel}")?;
-            }
-        }
-        for (name, _) in file.header().scalars() {
-            writeln!(out, "property double {}", property_name(name))?;
-        }
-        if !mesh.triangles.is_empty() {
-            writeln!(out, "element face {}", mesh.triangles.len())?;
-            writeln!(out, "property list uchar int vertex_indices")?;
-        }
-        writeln!(out, "end_header")?;
-        for v in 0..mesh.positions.len() {
-            for value in lattice.position(mesh.positions[v]) {
-                out.write_all(&value.to_le_bytes())?;
-            }
-            for value in mesh.normals[v].decode() {
-                out.write_all(&value.to_le_bytes())?;
-            }
-            if let Some(colour) = mesh.colours.get(v) {
-                out.write_all(colour)?;
-            }
-            for (k, (_, range)) in file.header().scalars().enumerate() {
-                let code = mesh.scalars.get(v).map_or(0, |scalars| scalars.0[k]);
-                out.write_all(&range.value(code).unwrap_or(f64::NAN).to_le_bytes())?;
-            }
-        }
-        for triangle in &mesh.triangles {
-            out.write_all(&[3])?;
-            for index in triangle {
-                out.write_all(&index.to_le_bytes())?;
-            }
-        }
-        out.flush()
-    };
-    write(&mut out).map_err(BuildError::io(output, "write"))?;
-    drop(out);
-    aside.commit(output, force)
 }
