@@ -217,8 +217,7 @@ mod tests {
         // Far away, in f64: only f64 still tells its multiples apart.
         let (far, step) = (5_412_345.7, 0.0021);
         let moved = |p: &[f64; 3]| p.map(|x| (x * 8191.0).round() * step + far);
-        let points: Vec<[f64; 3]> =
-            grid_points(1.0 / 8191.0, 0.0).iter().map(moved).collect();
+        let points: Vec<[f64; 3]> = grid_points(1.0 / 8191.0, 0.0).iter().map(moved).collect();
         let found = detect_grid_step(&points).unwrap();
         assert!((found / step - 1.0).abs() < 1e-8, "{found}");
         let as_f32: Vec<[f64; 3]> = points.iter().map(|p| p.map(|x| f64::from(x as f32))).collect();

@@ -97,10 +97,10 @@ impl Default for BuildOptions {
 }
 
 /// As coarse as pictures of statues allow that are to differ from full resolution by less than a
-/// pixel; see bench-paths/RESULTS.md.
+/// pixel; see bench-paths/NOTES.md.
 const NORMAL_NOISE: f32 = 2.0;
 
-/// As measured with the software rasteriser; see bench-paths/RESULTS.md.
+/// As measured with the software rasteriser; see bench-paths/NOTES.md.
 const POINT_COST: f32 = 0.5;
 
 /// What a build did; the keys are stable.

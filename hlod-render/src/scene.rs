@@ -224,7 +224,7 @@ impl Shadow {
 
 /// τ_c unless said otherwise: how many pixels casters may move a shadow's edge. With τ_r = 0.5 edges are
 /// wrong by at most (τ_c + τ_r sin θ) ÷ cos θ pixels at an angle of incidence of θ: 0.65 at 15°, 1.87
-/// at 60°; measured, 0.28 and 0.56 at most (99.9 %, `bench-paths/RESULTS.md`).
+/// at 60°; measured, 0.28 and 0.56 at most (99.9 %, `bench-paths/NOTES.md`).
 pub const CASTER_THRESHOLD_PX: f64 = 0.5;
 
 /// τ and τ_c with which that is below a pixel up to 60°: 0.93.

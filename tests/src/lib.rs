@@ -2,6 +2,7 @@
 
 pub mod ended;
 pub mod fuzz;
+pub mod report;
 pub mod samples;
 pub mod soak;
 

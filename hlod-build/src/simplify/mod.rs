@@ -231,7 +231,7 @@ struct Step<'a> {
 
 /// Lost normals may be found again this many budgets away, as quadrics see it: with it, and with
 /// twice the noise of normals, pictures of statues differ from full resolution by less than a pixel; see
-/// bench-paths/RESULTS.md.
+/// bench-paths/NOTES.md.
 const REACH: f64 = 3.0;
 
 /// ε_vis is taken over this share of the source's area. Each triangle's part in it comes from

@@ -1,5 +1,5 @@
 //! The commands of this repository: `./x demo`, `./x test`, `./x bless`,
-//! `./x scale`, `./x fuzz`, `./x soak`.
+//! `./x scale`, `./x report`, `./x bench`, `./x pictures`, `./x fuzz`, `./x soak`.
 //!
 //! Depends on the standard library only, so that it compiles in seconds and can say what the
 //! system lacks, and how long the rest takes, before anything heavy begins.
@@ -8,6 +8,7 @@ mod bless;
 mod demo;
 mod fuzz;
 mod options;
+mod report;
 mod run;
 mod scale;
 mod soak;
@@ -41,6 +42,9 @@ fn main() -> ExitCode {
         Command::Test(options) => test::test(&options),
         Command::Bless { name } => bless::bless(&name),
         Command::Scale(options) => scale::scale(&options),
+        Command::Report { arguments } => report::report("report", &arguments),
+        Command::Bench { arguments } => report::report("bench", &arguments),
+        Command::Pictures { arguments } => report::report("pictures", &arguments),
         Command::Fuzz { arguments } => fuzz::fuzz(&arguments),
         Command::Soak { arguments } => soak::soak(&arguments),
     });

@@ -17,6 +17,18 @@ pub enum Command {
         arguments: Vec<String>,
     },
     /// The same.
+    Report {
+        arguments: Vec<String>,
+    },
+    /// The same.
+    Pictures {
+        arguments: Vec<String>,
+    },
+    /// The same.
+    Bench {
+        arguments: Vec<String>,
+    },
+    /// The same.
     Soak {
         arguments: Vec<String>,
     },
@@ -56,6 +68,9 @@ pub fn parse(arguments: impl IntoIterator<Item = String>) -> Result<Command, Fai
         "test" => test(arguments).map(Command::Test),
         "bless" => bless(arguments),
         "scale" => scale(arguments).map(Command::Scale),
+        "report" => Ok(Command::Report { arguments: arguments.collect() }),
+        "bench" => Ok(Command::Bench { arguments: arguments.collect() }),
+        "pictures" => Ok(Command::Pictures { arguments: arguments.collect() }),
         "fuzz" => Ok(Command::Fuzz { arguments: arguments.collect() }),
         "soak" => Ok(Command::Soak { arguments: arguments.collect() }),
         "help" | "-h" | "--help" => Ok(Command::Help),

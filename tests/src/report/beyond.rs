@@ -1,0 +1,232 @@
+//! What the paper does not measure: builds, proofs, pictures, loading, decoding.
+
+use std::path::Path;
+use std::time::Instant;
+
+use hlod_compress::{HlodFile, NodeRecord, RepresentationKind, decode_page};
+
+use super::error::ReportError;
+use super::markdown::{Section, fixed, whole};
+use super::models::{Model, Stock};
+use super::plots::{Curve, plot_curves};
+use super::programs::{Line, number, text};
+use super::turns::{ROUNDS, median};
+use super::{Extent, Target};
+
+/// Above this many triangles a share of nodes is verified, and no picture is compared with the scan.
+const LARGE: f64 = 2e6;
+
+/// Time and memory of builds, and whether what they prove is true.
+pub(super) fn builds(
+    models: &[Model],
+    stock: &Stock<'_>,
+    output: &Path,
+    targets: &mut Vec<Target>,
+    say: &mut dyn FnMut(&str),
+) -> Result<Section, ReportError> {
+    let mut section = Section::new(
+        "Builds and certificates",
+        "`hlod-build build`, once each: other work on the machine shows. `hlod-build verify F.hlod` samples all nodes \
+         below 2 M triangles and 2 % of those above: stored errors against sampled ones (never below 1), and \
+         independent bounds against stored errors.",
+        &[
+            "model",
+            "triangles",
+            "wall s",
+            "thousand a CPU second",
+            "memory, MB",
+            "file, MB",
+            "sampled",
+            "over bound",
+            "stored ÷ sampled, median / 95 %",
+            "independent ÷ stored, max",
+        ],
+    );
+    let mut rates = Vec::new();
+    let (mut over, mut sampled) = (0.0, 0.0);
+    for model in models {
+        say(&format!("certificates: {}", model.name));
+        let share = if model.triangles > LARGE { "--share 0.02" } else { "--share 1" };
+        let line = Line::new("hlod-build").words("verify").with(&model.file).words(share);
+        let verified = stock.programs.json(&line)?;
+        let of = |key: &str| number(&model.build, key);
+        let rate = model.triangles / of("cpu_secs")? / 1e3;
+        over += number(&verified, "nodes_over_bound")?;
+        sampled += number(&verified, "representations_sampled")?;
+        if model.is_statue {
+            rates.push((model.triangles / 1e6, rate));
+        }
+        section.row(vec![
+            model.name.clone(),
+            whole(model.triangles),
+            fixed(of("wall_secs")?, 1),
+            fixed(rate, 1),
+            fixed(of("peak_anonymous_bytes")? / 1e6, 0),
+            fixed(of("bytes_total")? / 1e6, 2),
+            whole(number(&verified, "representations_sampled")?),
+            whole(number(&verified, "nodes_over_bound")?),
+            format!(
+                "{} / {}",
+                fixed(number(&verified, "tightness_median")?, 2),
+                fixed(number(&verified, "tightness_p95")?, 2)
+            ),
+            fixed(number(&verified, "independent_ratio_max")?, 2),
+        ]);
+    }
+    let name = format!("errors that samples refute, of {}", whole(sampled));
+    targets.push(Target::at_most(&name, over, Some(0.0)));
+    if rates.len() > 1 {
+        let curves = [Curve { name: "statues", points: rates }];
+        let axes = ("million triangles", "thousand triangles a CPU second");
+        plot_curves(&output.join("build-rate.svg"), "hlod-build build", axes, &curves)?;
+        section.plots.push(("build-rate.svg".into(), "Build rate against size".into()));
+    }
+    Ok(section)
+}
+
+/// Pictures against the scan, pixel by pixel.
+pub(super) fn pictures(
+    models: &[Model],
+    stock: &Stock<'_>,
+    extent: &Extent,
+    targets: &mut Vec<Target>,
+    say: &mut dyn FnMut(&str),
+) -> Result<Section, ReportError> {
+    let mut section = Section::new(
+        "Pictures against the scan",
+        "`hlod-render audit F.hlod --against SCAN`, τ = 0.5 px, and with `--shadow hard`: pixels \
+         of holes and overdraw, distances in pixels at which each pixel's shade, each silhouette and each edge of a \
+         shadow is found in what rays see of every triangle (99.9 %; edges at up to 15° and 60° of incidence, and how \
+         much of them was scored). Below 2 M triangles.",
+        &[
+            "model",
+            "views",
+            "holes",
+            "overdraw",
+            "appearance (floor)",
+            "silhouette",
+            "edge 15°",
+            "edge 60°",
+            "scored 60°",
+        ],
+    );
+    for model in models.iter().filter(|model| model.triangles < LARGE) {
+        stock.make_scan(&model.scan, (&model.name, model.is_statue), say)?;
+        let audit = |shadow: &str, say: &mut dyn FnMut(&str)| {
+            say(&format!("pictures: {}, shadows {shadow}", model.name));
+            let line = Line::new("hlod-render").words("audit").with(&model.file);
+            let line = line.words("--against").with(&model.scan);
+            let views = extent.views;
+            stock.programs.json(&line.words(&format!("--views {views} --shadow {shadow}")))
+        };
+        let plain = audit("none", say)?;
+        let hard = audit("hard", say)?;
+        let p999 = number(&plain, "appearance_distance_px.p999")?;
+        let floor = number(&plain, "appearance_distance_px.floor_p999")?;
+        let edge = number(&hard, "shadow_edge_px.deg15.p999");
+        let holes = number(&plain, "hole_pixels")?;
+        let most = (floor + 0.5).max(1.0);
+        targets.push(Target::at_most(&format!("{}: holes, pixels", model.name), holes, Some(0.0)));
+        let name = format!("{}: appearance distance, 99.9 %, px", model.name);
+        targets.push(Target::at_most(&name, p999, Some(most)));
+        let or_dash = |value: Result<f64, ReportError>| value.map_or("–".into(), |v| fixed(v, 2));
+        section.row(vec![
+            model.name.clone(),
+            whole(number(&plain, "views")?),
+            whole(holes),
+            whole(number(&plain, "overdraw_pixels")?),
+            format!("{} ({})", fixed(p999, 2), fixed(floor, 2)),
+            fixed(number(&plain, "silhouette_distance_px.p999")?, 2),
+            or_dash(edge),
+            or_dash(number(&hard, "shadow_edge_px.deg60.p999")),
+            or_dash(number(&hard, "shadow_edge_px.deg60.scored_share")),
+        ]);
+    }
+    Ok(section)
+}
+
+/// Policies of reading ahead.
+pub(super) fn policies(
+    models: &[Model],
+    stock: &Stock<'_>,
+    extent: &Extent,
+) -> Result<Section, ReportError> {
+    let mut section = Section::new(
+        "Reading ahead",
+        "`hlod-render simulate F.hlod --path bench-paths/P.json` with the largest model: 50 MB/s, 1 ms, 128 MB kept, \
+         30 frames a second. How many times coarser than asked frames were in the mean, frames coarser than \
+         twice, frames that waited, MB read and MB that were drawn.",
+        &["path", "policy", "frames", "times τ", "over 2 τ", "waited", "read", "drawn"],
+    );
+    let Some(model) = models.iter().max_by(|a, b| a.triangles.total_cmp(&b.triangles)) else {
+        return Ok(section);
+    };
+    for path in extent.paths {
+        let line = Line::new("hlod-render").words("simulate").with(&model.file);
+        let line = line.words(&format!("--path bench-paths/{path}.json"));
+        let printed = stock.programs.json(&line)?;
+        for policy in printed["policies"].as_array().map_or(&[][..], Vec::as_slice) {
+            let of = |key: &str| number(policy, key);
+            section.row(vec![
+                (*path).to_owned(),
+                text(policy, "policy")?.to_owned(),
+                whole(of("frames")?),
+                fixed(of("tau_ratio_mean")?, 2),
+                whole(of("frames_over_2tau")?),
+                whole(of("stalled_frames")?),
+                fixed(of("bytes_read")? / 1e6, 1),
+                fixed(of("bytes_drawn")? / 1e6, 1),
+            ]);
+        }
+    }
+    Ok(section)
+}
+
+/// How fast pages are decoded by one thread.
+pub(super) fn decoding(models: &[Model]) -> Result<Section, ReportError> {
+    let mut section = Section::new(
+        "Decoding",
+        "One thread, all pages of a kind (at most 64 MB), five rounds, medians: million triangles a second.",
+        &["model", "leaves", "appearance above", "geometric above"],
+    );
+    for model in models {
+        let mut row = vec![model.name.clone()];
+        for kind in [
+            RepresentationKind::Source,
+            RepresentationKind::Appearance,
+            RepresentationKind::Geometric,
+        ] {
+            row.push(fixed(decoding_rate(&model.file, kind)?, 1));
+        }
+        section.row(row);
+    }
+    Ok(section)
+}
+
+/// Million triangles a second; NaN where there are none.
+fn decoding_rate(path: &Path, kind: RepresentationKind) -> Result<f64, ReportError> {
+    let failed = |error| ReportError::unexpected(path.display(), error);
+    let file = HlodFile::open(path).map_err(failed)?;
+    let nodes = file.read_skeleton().map_err(failed)?;
+    let is_of_kind = |node: &&NodeRecord| (kind == RepresentationKind::Source) == node.is_leaf();
+    let (mut pages, mut bytes) = (Vec::new(), 0);
+    for node in nodes.iter().filter(is_of_kind) {
+        let Some(representation) = node.representation(kind) else { continue };
+        let page = file.read_page(representation.page).map_err(failed)?;
+        bytes += page.len();
+        pages.push(page);
+        if bytes > 64 << 20 {
+            break;
+        }
+    }
+    let mut rates = Vec::new();
+    for _ in 0..ROUNDS {
+        let begin = Instant::now();
+        let mut triangles = 0;
+        for page in &pages {
+            triangles += decode_page(page).map_err(failed)?.mesh.triangles.len();
+        }
+        rates.push(triangles as f64 / begin.elapsed().as_secs_f64() / 1e6);
+    }
+    Ok(if pages.is_empty() { f64::NAN } else { median(rates) })
+}
