@@ -4,6 +4,8 @@
 //! As polynomials of the sixth degree, with coefficients of M. Zucker (2019, `shadertoy.com/view/WlfXRN`, CC0),
 //! which are never farther than 4 of 255 from the table; `shaders/src/shade.wgsl` has the same.
 
+use hlod_compress::Header;
+
 /// Coefficients of 1, t, t², … for red, green and blue.
 const COEFFICIENTS: [[f32; 3]; 7] = [
     [0.277_727_33, 0.005_407_34, 0.334_099_8],
@@ -27,10 +29,38 @@ pub fn viridis(t: f32) -> [u8; 3] {
     })
 }
 
+/// The bounds, in the source's unit, between which colours of bounds tell them apart: the leaves' precision and what
+/// a root may err. The same for every picture of a file.
+pub fn bounds_shown(header: &Header) -> [f64; 2] {
+    let step = header.lattice.step;
+    let root = step * f64::from(header.lattice.root_units) / f64::from(header.resolution.max(1));
+    [step, root.max(step)]
+}
+
+/// sRGB of a bound on a surface's distance from the scan, in the unit of `bounds`: equal steps for equal ratios. The
+/// scan itself, which errs by nothing, is grey.
+pub fn bound_colour(bound: f64, [least, most]: [f64; 2]) -> [u8; 3] {
+    if bound <= 0.0 {
+        return NO_VALUE;
+    }
+    let place = (bound / least).ln() / (most / least).max(1.0 + 1e-9).ln();
+    viridis(place as f32)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use hlod_compress::srgb::linear_from_srgb;
+
+    #[test]
+    fn bounds_have_equal_steps_for_equal_ratios() {
+        let of = |bound| bound_colour(bound, [0.01, 1.0]);
+        assert_eq!((of(0.0), of(0.01), of(1.0)), (NO_VALUE, viridis(0.0), viridis(1.0)));
+        assert_eq!((of(0.1), of(1e-9)), (viridis(0.5), viridis(0.0)));
+        assert_ne!(of(0.1), of(0.2));
+        // A file of one level has nothing between.
+        assert_eq!(bound_colour(0.5, [1.0, 1.0]), viridis(0.0));
+    }
 
     /// Against the table, and a map with red and blue exchanged is told apart.
     #[test]

@@ -8,6 +8,7 @@ use glam::DVec3;
 use crate::arena::{Arena, Slot};
 use crate::casters::{CasterView, select_casters};
 use crate::clip::check_clip;
+use crate::colour_map::bounds_shown;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::lit::{Lit, LitPart};
@@ -209,6 +210,7 @@ impl Renderer {
                 uniforms.push((uniform, buffers));
                 model_of.push(m);
                 let index = uniforms.len() - 1;
+                let bounds = bounds_shown(model.header());
                 let margin_px =
                     (2.0 * front.border_px).max(fronts.beyond_px.get(m).copied().unwrap_or(0.0));
                 for draw in &front.draws {
@@ -240,7 +242,8 @@ impl Renderer {
                             });
                         }
                         let first = first_identity + slot.primitives.start;
-                        parts.push(DrawnPart::new(node, first));
+                        let drawn = &node.representations[draw.representation];
+                        parts.push(DrawnPart::new(node, drawn, first, bounds));
                     }
                 }
                 for draw in fronts.casters.get(m).iter().flat_map(|front| &front.draws) {

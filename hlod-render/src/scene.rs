@@ -5,6 +5,7 @@ use hlod_compress::{Header, Primitives, RepresentationKind, ScalarRange};
 
 use crate::camera::Camera;
 use crate::clip::ClipPlanes;
+use crate::colour_map::bounds_shown;
 
 /// Where light comes from.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -110,6 +111,16 @@ pub enum Paint {
     Depth,
     /// Lines where nodes end, and the skirts that close the seams between them.
     Borders,
+    /// The direction of the surface as a colour, in the frame of the model: x, y and z of -1 to 1 are red, green
+    /// and blue of 0 to 255.
+    Normals,
+    /// How far what is drawn may be from the scan, by the proof of its node: see
+    /// [`bound_colour`](crate::colour_map::bound_colour).
+    Bound,
+    /// The scan's own triangles or points grey, triangles of coarser levels blue, their points orange.
+    Kinds,
+    /// The edges of every triangle that is drawn.
+    Edges,
     /// A colour for each number that was kept with the scan: the file's first one, or another. Files without it
     /// are shaded.
     Scalar(u8),
@@ -117,7 +128,15 @@ pub enum Paint {
 
 impl Paint {
     /// All that every file has.
-    pub const ALL: [Paint; 3] = [Paint::Shaded, Paint::Depth, Paint::Borders];
+    pub const ALL: [Paint; 7] = [
+        Paint::Shaded,
+        Paint::Depth,
+        Paint::Borders,
+        Paint::Normals,
+        Paint::Bound,
+        Paint::Kinds,
+        Paint::Edges,
+    ];
 
     /// Of a name on the command line: one of [`Paint::ALL`], or of the numbers that the file keeps, which
     /// can be told apart by `value:` before them.
@@ -143,13 +162,17 @@ impl Paint {
             Paint::Shaded => "shaded",
             Paint::Depth => "depth",
             Paint::Borders => "borders",
+            Paint::Normals => "normals",
+            Paint::Bound => "bound",
+            Paint::Kinds => "kinds",
+            Paint::Edges => "edges",
             Paint::Scalar(_) => "value",
         }
     }
 }
 
 /// A number that was kept with the scan, and what its colours stand for.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Painted {
     /// Its name in the scan, without what would break lines.
     pub name: String,
@@ -160,6 +183,15 @@ pub struct Painted {
 }
 
 impl Painted {
+    /// What [`Paint::Bound`] shows of a file.
+    pub fn bound(header: &Header) -> Painted {
+        Painted {
+            name: "bound".to_owned(),
+            unit: header.unit.name().to_owned(),
+            bounds: Some(bounds_shown(header)),
+        }
+    }
+
     /// Those of a file, in order.
     pub fn all(header: &Header) -> Vec<Painted> {
         let printable = |text: &str| -> String {

@@ -66,8 +66,11 @@ pub(crate) fn uniform(
     }
 }
 
-/// Which number is painted, and how its codes become 0 to 1: see `Frame` in `shared.wgsl`.
+/// Which number is painted, and how its codes become 0 to 1, or that directions are: see `Frame` in `shared.wgsl`.
 pub(crate) fn scalar(paint: Paint, header: &Header) -> Vec4 {
+    if paint == Paint::Normals {
+        return Vec4::new(0.0, 0.0, 0.0, 1.0);
+    }
     let Paint::Scalar(k) = paint else { return Vec4::ZERO };
     let Some((_, range)) = header.scalars().nth(k.into()) else { return Vec4::ZERO };
     // Of equal numbers the colour is that of the least.

@@ -1,4 +1,5 @@
-// Instead of shading: which level of detail is seen in each pixel, or where nodes end.
+// Instead of shading: which level of detail is seen in each pixel, how far it may be from the scan or what it is made
+// of, where nodes end, or every triangle's edges.
 
 struct Part {
     // The cell, model space, and the number of the node's first triangle among all arenas.
@@ -7,6 +8,10 @@ struct Part {
     high: vec3<f32>,
     // Depth in the octree.
     depth: u32,
+    // What stands for its bound, linear light.
+    bound_colour: vec3<f32>,
+    // 1 where it is the scan itself.
+    is_leaf: u32,
 }
 
 @group(1) @binding(0) var identities: texture_2d<u32>;
@@ -15,7 +20,9 @@ struct Part {
 
 // Pixels from the middle of a border's line to its side.
 const HALF_LINE: f32 = 0.9;
+const HALF_EDGE: f32 = 0.5;
 const LINE: vec3<f32> = vec3(0.0, 0.0, 0.0);
+const PAPER: vec3<f32> = vec3(0.7);
 const SKIRT: vec3<f32> = vec3(1.0, 0.25, 0.0);
 
 @vertex
@@ -67,15 +74,50 @@ fn distance_to_line(p: vec2<f32>, a: vec2<f32>, b: vec2<f32>) -> f32 {
 
 @fragment
 fn depth_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
-    return explained(pixel.xy, false);
+    return explained(pixel.xy, DEPTH);
 }
 
 @fragment
 fn borders_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
-    return explained(pixel.xy, true);
+    return explained(pixel.xy, BORDERS);
 }
 
-fn explained(pixel: vec2<f32>, borders: bool) -> vec4<f32> {
+@fragment
+fn bound_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
+    return explained(pixel.xy, BOUND);
+}
+
+@fragment
+fn kinds_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
+    return explained(pixel.xy, KINDS);
+}
+
+@fragment
+fn edges_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
+    return explained(pixel.xy, EDGES);
+}
+
+const DEPTH: u32 = 0u;
+const BORDERS: u32 = 1u;
+const BOUND: u32 = 2u;
+const KINDS: u32 = 3u;
+const EDGES: u32 = 4u;
+
+// What a whole primitive is painted with.
+fn paint_of(part: Part, of_point: bool, paint: u32) -> vec3<f32> {
+    switch paint {
+        case BORDERS, EDGES: { return mix(PAPER, colour_of(part.depth), 0.25); }
+        case BOUND: { return part.bound_colour; }
+        case KINDS: {
+            // Of Okabe and Ito's colours, too.
+            let level = select(vec3(0.09, 0.46, 0.81), vec3(0.79, 0.35, 0.0), of_point);
+            return select(level, vec3(0.6), part.is_leaf == 1u);
+        }
+        default: { return colour_of(part.depth); }
+    }
+}
+
+fn explained(pixel: vec2<f32>, paint: u32) -> vec4<f32> {
     let identity = textureLoad(identities, vec2<i32>(pixel), 0).x;
     let triangle = (identity & ~BACK) - 1u;
     let number = triangle - frame.size.z;
@@ -92,8 +134,7 @@ fn explained(pixel: vec2<f32>, borders: bool) -> vec4<f32> {
         let at = (frame.world_from_model * vec4(v.x, v.y, v.z, 1.0)).xyz;
         let to_eye = normalize(select(frame.eye.xyz, frame.eye.xyz - at, frame.eye.w > 0.5));
         let facing = 0.35 + 0.65 * abs(dot(n, to_eye));
-        let share = select(1.0, 0.25, borders);
-        return vec4(mix(vec3(0.7), colour_of(part.depth), share) * facing, 1.0);
+        return vec4(paint_of(part, true, paint) * facing, 1.0);
     }
 
     var corner: array<vec3<f32>, 3>;
@@ -113,8 +154,17 @@ fn explained(pixel: vec2<f32>, borders: bool) -> vec4<f32> {
     let middle = (frame.world_from_model * vec4((corner[0] + corner[1] + corner[2]) / 3.0, 1.0)).xyz;
     let to_eye = normalize(select(frame.eye.xyz, frame.eye.xyz - middle, frame.eye.w > 0.5));
     let facing = 0.35 + 0.65 * abs(dot(n, to_eye));
-    if !borders {
-        return vec4(colour_of(part.depth) * facing, 1.0);
+    let plain = vec4(paint_of(part, false, paint) * facing, 1.0);
+    if paint == EDGES {
+        var nearest = HALF_EDGE + 1.0;
+        for (var i = 0u; i < 3u; i++) {
+            let from_edge = distance_to_line(in_picture(pixel), pixel_of(corner[i]), pixel_of(corner[(i + 1u) % 3u]));
+            nearest = min(nearest, from_edge);
+        }
+        return mix(vec4(LINE, 1.0), plain, saturate(nearest - HALF_EDGE + 0.5));
+    }
+    if paint != BORDERS {
+        return plain;
     }
     if is_skirt {
         return vec4(SKIRT, 1.0);
@@ -126,5 +176,5 @@ fn explained(pixel: vec2<f32>, borders: bool) -> vec4<f32> {
             return vec4(LINE, 1.0);
         }
     }
-    return vec4(mix(vec3(0.7), colour_of(part.depth), 0.25) * facing, 1.0);
+    return plain;
 }

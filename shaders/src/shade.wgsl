@@ -111,6 +111,11 @@ fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32>
     if back & (frame.shading.w > 0.5) {
         n = -n;
     }
+    if drawn & (frame.scalar.w > 0.5) {
+        // Of the model's frame, and of the side that is seen.
+        let towards = select(normal, -normal, back & (frame.shading.w > 0.5));
+        return vec4(linear_from_srgb(0.5 + 0.5 * normalize(towards)), 1.0);
+    }
     if drawn & (frame.scalar.x > 0.5) {
         // No light of its own: colours are to be compared with the legend's. A little of the shape stays.
         let facing = 0.55 + 0.45 * abs(dot(n, to_eye));

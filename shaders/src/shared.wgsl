@@ -32,7 +32,7 @@ struct Frame {
     // lattice step.
     points: vec4<f32>,
     // x: 1 + which kept number is painted, 0 for none; y: the code that is 0 on the map, z: by how much of
-    // it each further code is.
+    // it each further code is; w: 1 where directions are painted.
     scalar: vec4<f32>,
     // The part of the picture in which anything is seen: its first pixel, its width and height.
     area: vec4<u32>,

@@ -13,6 +13,7 @@ mod kept;
 mod measuring;
 mod metadata;
 mod network;
+mod paints;
 mod pictures;
 mod placing;
 mod points;

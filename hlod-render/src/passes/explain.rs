@@ -1,12 +1,16 @@
-//! Pictures that explain themselves: levels of detail by colour, or where nodes end.
+//! Pictures that explain themselves: levels of detail, bounds or kinds of primitives by colour, where nodes end, or
+//! every triangle's edges.
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
+use hlod_compress::RepresentationKind;
+use hlod_compress::srgb::linear_from_srgb;
 
 use super::{buffer, entry, write_growing};
+use crate::colour_map::bound_colour;
 use crate::gpu::Gpu;
 use crate::scene::Paint;
-use crate::skeleton::Node;
+use crate::skeleton::{Node, NodeRepresentation};
 
 /// A node that is drawn; see `Part` in `explain.wgsl`.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -18,19 +22,52 @@ pub(crate) struct DrawnPart {
     first: u32,
     high: Vec3,
     depth: u32,
+    /// What stands for its bound, linear light.
+    bound_colour: Vec3,
+    /// Whether it is the scan itself, 0 or 1.
+    is_leaf: u32,
 }
 
 impl DrawnPart {
-    pub(crate) fn new(node: &Node, first: u32) -> DrawnPart {
+    /// `bounds` are those of the file, see [`crate::colour_map::bounds_shown`].
+    pub(crate) fn new(
+        node: &Node,
+        representation: &NodeRepresentation,
+        first: u32,
+        bounds: [f64; 2],
+    ) -> DrawnPart {
         let [low, high] = node.cell_box.map(|corner| corner.as_vec3());
-        DrawnPart { low, first, high, depth: node.depth.into() }
+        let is_leaf = representation.kind == RepresentationKind::Source;
+        let srgb = bound_colour(representation.geometric_error, bounds);
+        DrawnPart {
+            low,
+            first,
+            high,
+            depth: node.depth.into(),
+            bound_colour: Vec3::from_array(srgb.map(linear_from_srgb)),
+            is_leaf: is_leaf.into(),
+        }
     }
+}
+
+/// What is painted instead of shading, and by what.
+const EXPLAINING: [(Paint, &str); 5] = [
+    (Paint::Depth, "depth_fragment"),
+    (Paint::Borders, "borders_fragment"),
+    (Paint::Bound, "bound_fragment"),
+    (Paint::Kinds, "kinds_fragment"),
+    (Paint::Edges, "edges_fragment"),
+];
+
+/// Whether a paint stands in for shading.
+pub(super) fn explains(paint: Paint) -> bool {
+    EXPLAINING.iter().any(|(explaining, _)| *explaining == paint)
 }
 
 /// The pass that stands in for shading.
 pub(super) struct Explain {
-    depth: wgpu::RenderPipeline,
-    borders: wgpu::RenderPipeline,
+    /// One for each of [`EXPLAINING`].
+    pipelines: [wgpu::RenderPipeline; 5],
     layout: wgpu::BindGroupLayout,
     parts: wgpu::Buffer,
 }
@@ -104,8 +141,7 @@ impl Explain {
             })
         };
         Explain {
-            depth: pipeline("depth_fragment"),
-            borders: pipeline("borders_fragment"),
+            pipelines: EXPLAINING.map(|(_, fragment)| pipeline(fragment)),
             parts: buffer(gpu, "parts", 1 << 10, wgpu::BufferUsages::STORAGE),
             layout,
         }
@@ -146,7 +182,9 @@ impl Explain {
         parts: &wgpu::BindGroup,
         paint: Paint,
     ) {
-        pass.set_pipeline(if paint == Paint::Depth { &self.depth } else { &self.borders });
+        let number = EXPLAINING.iter().position(|(explaining, _)| *explaining == paint);
+        debug_assert!(number.is_some(), "{paint:?} is shaded");
+        pass.set_pipeline(&self.pipelines[number.unwrap_or(0)]);
         pass.set_bind_group(1, parts, &[]);
     }
 }

@@ -16,7 +16,7 @@ use crate::arena::Arena;
 use crate::clip::PLANES_MAX;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
-use crate::scene::{Paint, Shot};
+use crate::scene::Shot;
 pub(crate) use explain::DrawnPart;
 use explain::Explain;
 pub(crate) use sets::PassSets;
@@ -445,7 +445,7 @@ impl Passes {
             }
             _ => {}
         }
-        let explains = matches!(shot.paint, Paint::Depth | Paint::Borders);
+        let explains = explain::explains(shot.paint);
         let is_explained = explains && !drawn.parts.is_empty();
         let explained =
             is_explained.then(|| self.explain.parts(gpu, drawn.parts, targets.identity_view()));

@@ -24,15 +24,21 @@ pub fn choose(ui: &mut Ui, paint: &mut Paint, scalars: &[Painted]) {
 }
 
 /// The legend at the lower right of the statue's picture.
-pub fn draw(ui: &Ui, rect: egui::Rect, paint: Paint, scalars: &[Painted]) {
-    let Paint::Scalar(k) = paint else { return };
-    let Some(painted) = scalars.get(usize::from(k)) else { return };
+pub fn draw(ui: &Ui, rect: egui::Rect, paint: Paint, scalars: &[Painted], bound: &Painted) {
+    let (painted, without) = match paint {
+        Paint::Bound => (bound, "the scan itself"),
+        Paint::Scalar(k) => match scalars.get(usize::from(k)) {
+            Some(painted) => (painted, "no value"),
+            None => return,
+        },
+        _ => return,
+    };
     let painter = ui.painter().with_clip_rect(rect);
     let font = FontId::proportional(12.0);
     let text =
         |text: &str| painter.layout_no_wrap(text.to_owned(), font.clone(), Color32::LIGHT_GRAY);
     let (title, [low, high]) = (text(&painted.title()), painted.ends().map(|end| text(&end)));
-    let none = text("no value");
+    let none = text(without);
     let line = title.size().y;
     let size = vec2(WIDTH, HEIGHT + 2.0 * line + 8.0);
     // The buttons are in the corner above.

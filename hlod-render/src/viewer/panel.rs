@@ -26,6 +26,8 @@ pub struct Readings {
     pub is_cloud: bool,
     /// Numbers that the file keeps.
     pub scalars: Vec<Painted>,
+    /// What colours of bounds stand for.
+    pub bound: Painted,
     /// Whether that is no GPU.
     pub software: bool,
     /// What the last frame drew.
@@ -105,7 +107,7 @@ pub fn show(
         swipe_line(ui, rect, name, *swipe as f32);
     }
     status_line(ui, rect, readings);
-    legend::draw(ui, rect, settings.paint, &readings.scalars);
+    legend::draw(ui, rect, settings.paint, &readings.scalars, &readings.bound);
     corner_buttons(ui, rect, settings, &mut wishes.actions);
     if settings.help_open {
         help(ui, preferences.mapping, &mut wishes.actions);
@@ -280,11 +282,25 @@ fn angle(value: &mut f64, most: f64) -> Slider<'_> {
         .clamping(egui::SliderClamping::Edits)
 }
 
+/// What a paint shows, in a few words.
+fn explained(paint: Paint) -> &'static str {
+    match paint {
+        Paint::Shaded => "the surface in its light",
+        Paint::Depth => "a colour for each level of detail",
+        Paint::Borders => "where nodes of the octree end, and what closes the seams between them",
+        Paint::Normals => "directions: red, green and blue for x, y and z",
+        Paint::Bound => "how far what is drawn may be from the scan, as proven",
+        Paint::Kinds => "the scan itself grey, coarser triangles blue, points orange",
+        Paint::Edges => "every triangle's edges; with --tau 0 or near by those of the scan",
+        Paint::Scalar(_) => "a number that was kept with the scan",
+    }
+}
+
 fn looks(ui: &mut Ui, settings: &mut Settings, readings: &Readings) {
     ui.horizontal_wrapped(|ui| {
         for paint in Paint::ALL {
             ui.selectable_value(&mut settings.paint, paint, paint.name())
-                .on_hover_text("shaded; levels of detail by colour; where nodes end");
+                .on_hover_text(explained(paint));
         }
     });
     legend::choose(ui, &mut settings.paint, &readings.scalars);

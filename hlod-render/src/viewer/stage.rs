@@ -427,6 +427,7 @@ impl Stage {
             adapter: gpu.describe(),
             is_cloud: self.models[0].is_cloud(),
             scalars: Painted::all(self.models[0].header()),
+            bound: Painted::bound(self.models[0].header()),
             software: gpu.info.device_type == wgpu::DeviceType::Cpu,
             stats: self.stats,
             frame_ms: self.clock.last_ms(),

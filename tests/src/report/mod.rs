@@ -48,6 +48,15 @@ pub struct ReportOptions {
     pub output: PathBuf,
 }
 
+impl ReportOptions {
+    /// What was asked for, so that it can be asked for again.
+    fn command(&self) -> String {
+        let quick = if self.quick { " --quick" } else { "" };
+        let statues = self.statues.iter().map(|size| format!(" --statue {size}"));
+        format!("cargo xtask report{quick}{}", statues.collect::<String>())
+    }
+}
+
 /// How much of everything.
 pub(crate) struct Extent {
     quick: bool,
@@ -122,6 +131,7 @@ pub fn report(
     }
     let stock = Stock { programs, folder: &options.folder, data: options.data.as_deref() };
     let models = models_of(&stock, options, say)?;
+    let machine = machine(programs, &models)?;
     let mut targets = Vec::new();
     let mut sections = vec![
         paper::sizes(&models)?,
@@ -136,10 +146,9 @@ pub fn report(
     ];
     sections.insert(0, judged(&targets));
     models.iter().try_for_each(|model| stock.forget_scan(model))?;
-    let machine = machine(programs, &models)?;
     let minutes = begin.elapsed().as_secs_f64() / 60.0;
     let path = options.output.join("RESULTS.md");
-    let text = document(&machine, options.quick, minutes, &sections);
+    let text = document(&machine, &options.command(), minutes, &sections);
     hlod_build::write_whole(&path, text.as_bytes())
         .map_err(|error| ReportError::unexpected(path.display(), error))?;
     Ok(path)
@@ -190,7 +199,7 @@ fn machine(programs: &Programs, models: &[Model]) -> Result<Vec<String>, ReportE
     let mut lines = Vec::new();
     if let Some(model) = models.first() {
         let line = Line::new("hlod-render").words("bench").with(&model.file);
-        let line = line.words("--path bench-paths/orbit.json --frames 1");
+        let line = line.words("--path bench-paths/orbit.json --frames 2");
         let printed = programs.json(&line)?;
         lines.push(format!("adapter: {}", text(&printed, "adapter")?));
         lines.push(format!("system: {}", text(&printed, "machine")?));
@@ -204,8 +213,7 @@ fn machine(programs: &Programs, models: &[Model]) -> Result<Vec<String>, ReportE
     Ok(lines)
 }
 
-fn document(machine: &[String], quick: bool, minutes: f64, sections: &[Section]) -> String {
-    let command = if quick { "cargo xtask report --quick" } else { "cargo xtask report" };
+fn document(machine: &[String], command: &str, minutes: f64, sections: &[Section]) -> String {
     let mut out = format!(
         "# Results\n\nWritten by `{command}` in {} minutes. Ratios come of commands that took turns; absolute times \
          hold for this machine alone:\n\n",
