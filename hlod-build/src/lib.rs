@@ -40,6 +40,7 @@ mod single_step;
 mod spill;
 mod steps;
 pub mod synth;
+mod system;
 mod tears;
 mod triangle_bvh;
 mod union;

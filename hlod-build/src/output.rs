@@ -5,6 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use crate::error::BuildError;
+use crate::system::set_usual_permissions;
 
 /// Refuses, before any work, an output that would be lost or could not be written.
 pub(crate) fn check_output(
@@ -76,20 +77,6 @@ impl Aside {
             }
         }
     }
-}
-
-/// Temporary files are private; results are as readable as the user's other new files.
-#[cfg(unix)]
-fn set_usual_permissions(file: &File) -> std::io::Result<()> {
-    use std::os::unix::fs::PermissionsExt;
-    let mask = rustix::process::umask(rustix::fs::Mode::empty());
-    rustix::process::umask(mask);
-    file.set_permissions(std::fs::Permissions::from_mode(0o666 & !mask.bits()))
-}
-
-#[cfg(not(unix))]
-fn set_usual_permissions(_file: &File) -> std::io::Result<()> {
-    Ok(())
 }
 
 /// Writes a small file: aside and renamed, so that nobody finds half of one. What is no regular file, as

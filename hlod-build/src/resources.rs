@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
+use crate::system::cpu_secs;
+
 /// Time and processor time of one stage.
 #[derive(Debug, Clone, Serialize)]
 pub struct StageCost {
@@ -104,27 +106,6 @@ pub struct Costs {
     pub peak_anonymous_bytes: u64,
     /// The same for each stage.
     pub stages: Vec<StageCost>,
-}
-
-#[cfg(unix)]
-fn cpu_secs() -> f64 {
-    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
-    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
-}
-
-#[cfg(not(unix))]
-fn cpu_secs() -> f64 {
-    0.0
-}
-
-/// Gives memory that was freed back to the system: what allocations of many threads leave behind
-/// would otherwise count against the next step.
-pub(crate) fn give_back_memory() {
-    // SAFETY: malloc_trim may be called at any time from any thread and takes no pointers.
-    #[cfg(all(target_os = "linux", target_env = "gnu"))]
-    unsafe {
-        libc::malloc_trim(0);
-    }
 }
 
 /// What the process has read and written so far; 0 where the system does not tell.

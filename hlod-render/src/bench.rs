@@ -14,6 +14,7 @@ use crate::path::CameraPath;
 use crate::picture::{Canvas, PICTURE_FORMAT};
 use crate::scene::Shot;
 use crate::source::open_local;
+use crate::system::drop_file_cache;
 
 /// What is measured.
 #[derive(Debug, Clone)]
@@ -239,19 +240,6 @@ fn percentiles(times: &mut [f64]) -> Percentiles {
 fn machine() -> String {
     let processors = std::thread::available_parallelism().map_or(0, |n| n.get());
     format!("{} {}, {processors} processors", std::env::consts::OS, std::env::consts::ARCH)
-}
-
-/// Asks the system to forget what it has of the file in memory.
-#[cfg(target_os = "linux")]
-fn drop_file_cache(file: &Path) -> Result<(), RenderError> {
-    let opened = std::fs::File::open(file).map_err(RenderError::io(file, "open"))?;
-    rustix::fs::fadvise(&opened, 0, None, rustix::fs::Advice::DontNeed)
-        .map_err(|e| RenderError::io(file, "drop from the file cache")(e.into()))
-}
-
-#[cfg(not(target_os = "linux"))]
-fn drop_file_cache(_file: &Path) -> Result<(), RenderError> {
-    Ok(())
 }
 
 impl BenchReport {

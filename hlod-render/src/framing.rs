@@ -40,6 +40,12 @@ impl Framing {
         Framing::new(bounds, up, front)
     }
 
+    /// Width, height and depth, in the source's unit: along right, up and front.
+    pub fn size(&self) -> [f64; 3] {
+        let size = self.bounds.1 - self.bounds.0;
+        self.axes.map(|axis| size.dot(axis.abs()))
+    }
+
     /// `up` and `front` are perpendicular unit vectors along axes.
     pub fn new(bounds: (DVec3, DVec3), up: DVec3, front: DVec3) -> Framing {
         let size = bounds.1 - bounds.0;
@@ -137,6 +143,7 @@ mod tests {
         assert!((0..3).all(|i| (back[i] - p[i]).abs() < 1e-12));
         // Right of someone who looks at the front.
         assert_eq!(f.axes[0], DVec3::X);
+        assert_eq!(f.size(), [6.0, 10.0, 4.0]);
     }
 
     #[test]

@@ -49,6 +49,7 @@ pub mod skeleton;
 pub mod skirts;
 pub mod source;
 pub mod survey;
+mod system;
 mod traced;
 mod uniform;
 #[cfg(feature = "viewer")]

@@ -10,6 +10,7 @@ use std::sync::Mutex;
 use hlod_compress::{BlockRef, FormatError, Header, HlodFile, Metadata, PageRef, SkeletonBlock};
 
 use crate::error::RenderError;
+use crate::system::cache_home;
 
 mod disk_cache;
 mod http;
@@ -198,16 +199,7 @@ pub fn cache_folder() -> Option<PathBuf> {
     if let Some(chosen) = std::env::var_os("HLOD_CACHE_DIR") {
         return (!chosen.is_empty()).then(|| chosen.into());
     }
-    let user = if cfg!(windows) {
-        std::env::var_os("LOCALAPPDATA").map(PathBuf::from)
-    } else if cfg!(target_os = "macos") {
-        std::env::var_os("HOME").map(|home| Path::new(&home).join("Library/Caches"))
-    } else {
-        std::env::var_os("XDG_CACHE_HOME")
-            .map(PathBuf::from)
-            .or_else(|| std::env::var_os("HOME").map(|home| Path::new(&home).join(".cache")))
-    };
-    user.map(|folder| folder.join("hlod"))
+    cache_home().map(|folder| folder.join("hlod"))
 }
 
 #[cfg(test)]

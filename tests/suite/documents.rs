@@ -36,3 +36,35 @@ fn shader_structures_are_as_large_as_those_of_rust() {
     assert_eq!(size_of::<hlod_render::passes::FrameUniform>(), 3 * 64 + 15 * 16 + 3 * 16);
     assert_eq!(size_of::<hlod_render::loader::GpuVertex>(), 16);
 }
+
+/// Files that may name what one system alone has: one a crate.
+const SYSTEMS: [&str; 3] =
+    ["compress/src/pread.rs", "hlod-build/src/system.rs", "hlod-render/src/system.rs"];
+
+/// Whether a source names what one system alone has.
+fn names_a_system(source: &str) -> bool {
+    ["std::os::", "rustix::", "libc::", "target_os"].iter().any(|name| source.contains(name))
+}
+
+#[test]
+fn what_systems_do_in_their_own_ways_is_in_one_file_a_crate() {
+    let mut found = Vec::new();
+    let mut pending: Vec<_> =
+        ["compress/src", "hlod-build/src", "hlod-build/scan/src", "hlod-render/src", "shaders/src"]
+            .map(|folder| workspace().join(folder))
+            .into();
+    let mut checked = 0;
+    while let Some(path) = pending.pop() {
+        if path.is_dir() {
+            pending.extend(std::fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().path()));
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            checked += 1;
+            if names_a_system(&std::fs::read_to_string(&path).unwrap()) {
+                found.push(path.strip_prefix(workspace()).unwrap().display().to_string());
+            }
+        }
+    }
+    found.sort();
+    assert_eq!(found, SYSTEMS, "of {checked} files");
+    assert!(checked > 150 && !names_a_system("use std::fs::File;"));
+}

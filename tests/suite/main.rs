@@ -10,6 +10,7 @@ mod figures;
 mod format;
 mod hostile;
 mod kept;
+mod licences;
 mod measuring;
 mod metadata;
 mod network;

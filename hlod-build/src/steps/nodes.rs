@@ -24,9 +24,9 @@ use crate::hierarchy::{
 use crate::oddities::Oddities;
 use crate::partition::{Leaf, Vertex, cut_into_leaves};
 use crate::points::{Point, cloud};
-use crate::resources::give_back_memory;
 use crate::simplify::Source;
 use crate::spill::RecordReader;
+use crate::system::give_back_memory;
 
 /// Names of the step for a cell and of its files.
 pub(crate) struct Names {

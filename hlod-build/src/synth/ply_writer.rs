@@ -6,6 +6,7 @@
 //! complete; on any error both files vanish.
 
 use super::polygonise::Sink;
+use crate::system::with_usual_rights;
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
@@ -53,12 +54,7 @@ impl PlyWriter {
         };
         let mut builder = tempfile::Builder::new();
         builder.prefix(".synth-").suffix(".part");
-        // The usual rights of a new file, not the narrow ones of a temporary one.
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            builder.permissions(std::fs::Permissions::from_mode(0o666));
-        }
+        with_usual_rights(&mut builder);
         let mut file = BufWriter::with_capacity(BUFFER_BYTES, builder.tempfile_in(folder)?);
         file.write_all(&[0; HEADER_BYTES])?;
         Ok(PlyWriter {

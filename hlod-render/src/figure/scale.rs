@@ -66,6 +66,35 @@ pub fn millimetres(unit: Unit) -> Option<f64> {
     }
 }
 
+/// How large a statue is, in words: `size` is its width, height and depth in `unit`. A unit that nobody declared is
+/// not given a name.
+pub fn size_in_words([width, height, depth]: [f64; 3], unit: Unit) -> String {
+    let largest = width.max(height).max(depth);
+    let Some(mm) = millimetres(unit) else {
+        let [width, height, depth] = [width, height, depth].map(|x| digits(x, largest));
+        return format!("{height} tall, {width} wide, {depth} deep in a unit that nobody declared");
+    };
+    // In what one would say of things as large as this.
+    let (name, in_mm) = match largest * mm {
+        mm if mm >= 1000.0 => ("m", 1000.0),
+        mm if mm >= 100.0 => ("cm", 10.0),
+        _ => ("mm", 1.0),
+    };
+    let [width, height, depth] =
+        [width, height, depth].map(|x| digits(x * mm / in_mm, largest * mm / in_mm));
+    format!(
+        "{height} {name} tall, {width} {name} wide, {depth} {name} deep; coordinates are taken as {}",
+        unit.name()
+    )
+}
+
+/// As many digits after the point as give the largest of some lengths three digits.
+fn digits(value: f64, largest: f64) -> String {
+    let before = if largest > 0.0 { largest.log10().floor() } else { 0.0 };
+    let after = (2.0 - before).clamp(0.0, 12.0) as usize;
+    format!("{value:.after$}")
+}
+
 /// The unit of a file: what its header says, or what is declared where that says nothing.
 ///
 /// # Errors
@@ -111,6 +140,17 @@ pub fn parse_dpi(text: &str) -> Result<f64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sizes_are_said_in_units_that_suit_them_or_in_none() {
+        let said = size_in_words([389.4, 1843.2, 240.2], Unit::Millimetre);
+        assert_eq!(said, "1.84 m tall, 0.39 m wide, 0.24 m deep; coordinates are taken as mm");
+        let said = size_in_words([0.02, 0.0155, 0.0121], Unit::Metre);
+        assert_eq!(said, "15.5 mm tall, 20.0 mm wide, 12.1 mm deep; coordinates are taken as m");
+        let said = size_in_words([0.156, 0.154, 0.121], Unit::Unknown);
+        assert_eq!(said, "0.154 tall, 0.156 wide, 0.121 deep in a unit that nobody declared");
+        assert!(size_in_words([0.0; 3], Unit::Unknown).starts_with("0.00 tall"));
+    }
 
     #[test]
     fn a_pixel_is_as_long_as_scale_and_resolution_say() {

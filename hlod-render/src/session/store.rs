@@ -9,6 +9,7 @@ use super::Session;
 use crate::error::RenderError;
 use crate::files::write_aside;
 use crate::source::is_address;
+use crate::system::{data_home, folder_in};
 
 /// Larger files are no sessions.
 const FILE_BYTES_MAX: u64 = 1 << 30;
@@ -104,18 +105,10 @@ fn tempfile_in(folder: &Path) -> std::io::Result<()> {
 
 /// `HLOD_DATA_DIR`, or `hlod` in the user's data folder.
 pub fn user_folder() -> Option<PathBuf> {
-    let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
-    if let Some(chosen) = variable("HLOD_DATA_DIR") {
+    if let Some(chosen) = folder_in("HLOD_DATA_DIR") {
         return Some(chosen);
     }
-    let user = if cfg!(windows) {
-        variable("APPDATA")
-    } else if cfg!(target_os = "macos") {
-        variable("HOME").map(|home| home.join("Library/Application Support"))
-    } else {
-        variable("XDG_DATA_HOME").or_else(|| variable("HOME").map(|h| h.join(".local/share")))
-    };
-    user.map(|folder| folder.join("hlod"))
+    data_home().map(|folder| folder.join("hlod"))
 }
 
 /// Where sessions are kept that cannot be beside their files.

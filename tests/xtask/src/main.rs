@@ -13,6 +13,7 @@ mod run;
 mod scale;
 mod soak;
 mod system;
+mod targets;
 mod test;
 
 use std::process::ExitCode;
@@ -45,6 +46,7 @@ fn main() -> ExitCode {
         Command::Report { arguments } => report::report("report", &arguments),
         Command::Bench { arguments } => report::report("bench", &arguments),
         Command::Pictures { arguments } => report::report("pictures", &arguments),
+        Command::Targets => targets::targets(),
         Command::Fuzz { arguments } => fuzz::fuzz(&arguments),
         Command::Soak { arguments } => soak::soak(&arguments),
     });

@@ -12,6 +12,7 @@ pub enum Command {
         name: String,
     },
     Scale(ScaleOptions),
+    Targets,
     /// Handed on as they are to the program that does it.
     Fuzz {
         arguments: Vec<String>,
@@ -68,6 +69,7 @@ pub fn parse(arguments: impl IntoIterator<Item = String>) -> Result<Command, Fai
         "test" => test(arguments).map(Command::Test),
         "bless" => bless(arguments),
         "scale" => scale(arguments).map(Command::Scale),
+        "targets" => arguments.next().map_or(Ok(Command::Targets), |a| Err(unexpected(&a))),
         "report" => Ok(Command::Report { arguments: arguments.collect() }),
         "bench" => Ok(Command::Bench { arguments: arguments.collect() }),
         "pictures" => Ok(Command::Pictures { arguments: arguments.collect() }),

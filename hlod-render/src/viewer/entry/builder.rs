@@ -9,6 +9,7 @@ use hlod_compress::{SignedAxis, Unit};
 use serde::Deserialize;
 
 use crate::error::RenderError;
+use crate::system::interrupt;
 
 /// Longer lines are cut: they are remarks, not progress.
 const LINE_BYTES_MAX: u64 = 4096;
@@ -198,21 +199,6 @@ impl Drop for Build {
             interrupt(&mut self.child);
         }
     }
-}
-
-#[cfg(unix)]
-fn interrupt(child: &mut Child) {
-    let process = i32::try_from(child.id()).ok().and_then(rustix::process::Pid::from_raw);
-    if let Some(process) = process {
-        // It may have ended by itself; nobody has waited for it, so its number is not another's.
-        let _ = rustix::process::kill_process(process, rustix::process::Signal::INT);
-    }
-}
-
-#[cfg(not(unix))]
-fn interrupt(child: &mut Child) {
-    // It may have ended by itself.
-    let _ = child.kill();
 }
 
 fn listen(stderr: ChildStderr, said: &mpsc::Sender<String>, wake: &dyn Fn()) {

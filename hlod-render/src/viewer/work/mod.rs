@@ -18,11 +18,12 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DVec2, DVec3};
-use hlod_compress::{Header, Metadata, Unit};
+use hlod_compress::{Header, Metadata};
 
 use self::clerk::{Answer, Clerk, Question};
 use self::tool::{Task, Tool};
 use crate::error::RenderError;
+use crate::figure::scale::size_in_words;
 use crate::files::write_whole;
 use crate::framing::Framing;
 use crate::lens::Lens;
@@ -280,14 +281,7 @@ impl Work {
 
     /// How large the statue is, to the right, upwards and to the front.
     fn size_text(&self) -> String {
-        let [width, height, depth] = Framing::of_header(&self.header)
-            .axes
-            .map(|axis| (self.bounds.1 - self.bounds.0).dot(axis.abs()));
-        let unit = match self.header.unit {
-            Unit::Unknown => "of an unknown unit",
-            _ => self.unit.as_str(),
-        };
-        format!("{width:.2} × {height:.2} × {depth:.2} {unit}")
+        size_in_words(Framing::of_header(&self.header).size(), self.header.unit)
     }
 
     fn session_path(&self) -> Option<PathBuf> {
