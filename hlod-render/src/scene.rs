@@ -180,15 +180,18 @@ pub struct Painted {
     pub unit: String,
     /// The least and the largest value; `None` where no vertex has any.
     pub bounds: Option<[f64; 2]>,
+    /// What grey stands for.
+    pub grey: &'static str,
 }
 
 impl Painted {
     /// What [`Paint::Bound`] shows of a file.
     pub fn bound(header: &Header) -> Painted {
         Painted {
-            name: "bound".to_owned(),
+            name: "bound, equal steps for equal ratios".to_owned(),
             unit: header.unit.name().to_owned(),
             bounds: Some(bounds_shown(header)),
+            grey: "the scan itself",
         }
     }
 
@@ -201,6 +204,7 @@ impl Painted {
             name: printable(name),
             unit: printable(&range.unit),
             bounds: range.value(1.min(range.codes)).zip(range.value(range.codes)).map(|b| b.into()),
+            grey: "no value",
         };
         header.scalars().map(painted).collect()
     }

@@ -425,10 +425,22 @@ fn shots_have_a_legend_and_refuse_other_names() {
     // The ends of the legend's bar are the ends of the map.
     let has = |colour: [u8; 3]| rgba.chunks_exact(4).any(|p| p[..3] == colour);
     assert!(has(viridis(0.005)) && has(viridis(0.995)));
+    let output = shot("bound", "d.png");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let png = std::fs::File::open(b.folder.path().join("d.png")).unwrap();
+    let reader = png::Decoder::new(std::io::BufReader::new(png)).read_info().unwrap();
+    let texts = reader.info().utf8_text.clone();
+    let description = texts.iter().find(|t| t.keyword == "Description").unwrap();
+    assert!(description.get_text().unwrap().contains("colours: bound"), "{description:?}");
     let output = shot("quality", "c.png");
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("this file has shaded, depth, borders, height, label"), "{said}");
+    assert!(
+        said.contains(
+            "this file has shaded, depth, borders, normals, bound, kinds, edges, height, label"
+        ),
+        "{said}"
+    );
 }
 
 fn read_back(path: &Path, name: &str) -> Vec<Row2> {

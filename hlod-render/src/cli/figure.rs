@@ -182,8 +182,11 @@ fn text_px(sheet: &Sheet, scale: Option<Scale>) -> f64 {
 
 /// The number that is painted, if one is.
 fn painted(shot: &Shot, header: &Header) -> Option<Painted> {
-    let Paint::Scalar(k) = shot.paint else { return None };
-    Painted::all(header).into_iter().nth(k.into())
+    match shot.paint {
+        Paint::Bound => Some(Painted::bound(header)),
+        Paint::Scalar(k) => Painted::all(header).into_iter().nth(k.into()),
+        _ => None,
+    }
 }
 
 /// What colours stand for, at the lower right.

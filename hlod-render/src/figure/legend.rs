@@ -5,9 +5,6 @@ use super::marks::Mark;
 use crate::colour_map::{NO_VALUE, viridis};
 use crate::scene::Painted;
 
-/// The words that stand under a square of the colour of what has no value.
-const NO_VALUE_TEXT: &str = "no value";
-
 /// A bar of so many pixels with all colours, its ends and what is painted, from its lower right corner.
 pub fn legend(
     painted: &Painted,
@@ -35,11 +32,11 @@ pub fn legend(
     marks.push(font.line(&high, (high_x, below), text_px, ink));
     let square_x = left + i64::from(font.width(&low, text_px)) + line / 2;
     let words_x = square_x + i64::from(thick) + line / 4;
-    let end = words_x + i64::from(font.width(NO_VALUE_TEXT, text_px));
+    let end = words_x + i64::from(font.width(painted.grey, text_px));
     if end + line / 2 < high_x {
         let y = below + (text_px * 0.35) as i64;
         marks.push(Mark::bar(square_x, y, thick, thick, NO_VALUE));
-        marks.push(font.line(NO_VALUE_TEXT, (words_x, below), text_px, ink));
+        marks.push(font.line(painted.grey, (words_x, below), text_px, ink));
     }
     marks
 }

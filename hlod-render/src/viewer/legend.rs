@@ -25,20 +25,18 @@ pub fn choose(ui: &mut Ui, paint: &mut Paint, scalars: &[Painted]) {
 
 /// The legend at the lower right of the statue's picture.
 pub fn draw(ui: &Ui, rect: egui::Rect, paint: Paint, scalars: &[Painted], bound: &Painted) {
-    let (painted, without) = match paint {
-        Paint::Bound => (bound, "the scan itself"),
-        Paint::Scalar(k) => match scalars.get(usize::from(k)) {
-            Some(painted) => (painted, "no value"),
-            None => return,
-        },
-        _ => return,
+    let painted = match paint {
+        Paint::Bound => Some(bound),
+        Paint::Scalar(k) => scalars.get(usize::from(k)),
+        _ => None,
     };
+    let Some(painted) = painted else { return };
     let painter = ui.painter().with_clip_rect(rect);
     let font = FontId::proportional(12.0);
     let text =
         |text: &str| painter.layout_no_wrap(text.to_owned(), font.clone(), Color32::LIGHT_GRAY);
     let (title, [low, high]) = (text(&painted.title()), painted.ends().map(|end| text(&end)));
-    let none = text(without);
+    let none = text(painted.grey);
     let line = title.size().y;
     let size = vec2(WIDTH, HEIGHT + 2.0 * line + 8.0);
     // The buttons are in the corner above.
