@@ -132,27 +132,34 @@ pub fn report(
     let stock = Stock { programs, folder: &options.folder, data: options.data.as_deref() };
     let models = models_of(&stock, options, say)?;
     let machine = machine(programs, &models)?;
-    let mut targets = Vec::new();
-    let mut sections = vec![
-        paper::sizes(&models)?,
-        paper::nodes(&models, &stock, &extent, say)?,
-        paper::frames(&models, &stock, &extent, &mut targets, say)?,
-        paper::growth(&models, &stock, &extent, &mut targets)?,
-        paper::lights(&models, &stock, &extent, &options.output, &mut targets, say)?,
-        beyond::builds(&models, &stock, &options.output, &mut targets, say)?,
-        beyond::pictures(&models, &stock, &extent, &mut targets, say)?,
-        beyond::policies(&models, &stock, &extent)?,
-        beyond::decoding(&models)?,
-    ];
-    sections.insert(0, judged(&targets));
-    models.iter().try_for_each(|model| stock.forget_scan(model))?;
-    let minutes = begin.elapsed().as_secs_f64() / 60.0;
     let path = options.output.join("RESULTS.md");
-    let text = document(&machine, &options.command(), minutes, &sections);
-    hlod_build::write_whole(&path, text.as_bytes())
-        .map_err(|error| ReportError::unexpected(path.display(), error))?;
+    let (mut targets, mut sections) = (Vec::new(), Vec::new());
+    for part in 0..PARTS {
+        sections.push(match part {
+            0 => paper::sizes(&models)?,
+            1 => paper::nodes(&models, &stock, &extent, say)?,
+            2 => paper::growth(&models, &stock, &extent, &mut targets)?,
+            3 => paper::frames(&models, &stock, &extent, &mut targets, say)?,
+            4 => paper::lights(&models, &stock, &extent, &options.output, &mut targets, say)?,
+            5 => beyond::decoding(&models)?,
+            6 => beyond::policies(&models, &stock, &extent)?,
+            7 => beyond::pictures(&models, &stock, &extent, &mut targets, say)?,
+            _ => beyond::builds(&models, &stock, &options.output, &mut targets, say)?,
+        });
+        // What was measured stays, whatever comes after it.
+        let minutes = begin.elapsed().as_secs_f64() / 60.0;
+        let mut all = vec![judged(&targets)];
+        all.extend(sections.iter().cloned());
+        let text = document(&machine, &options.command(), minutes, &all);
+        hlod_build::write_whole(&path, text.as_bytes())
+            .map_err(|error| ReportError::unexpected(path.display(), error))?;
+    }
+    models.iter().try_for_each(|model| stock.forget_scan(model))?;
     Ok(path)
 }
+
+/// Parts of the report.
+const PARTS: usize = 9;
 
 fn models_of(
     stock: &Stock<'_>,
@@ -220,6 +227,10 @@ fn document(machine: &[String], command: &str, minutes: f64, sections: &[Section
         whole(minutes)
     );
     machine.iter().for_each(|line| out += &format!("- {line}\n"));
+    let parts = sections.len() - 1;
+    if parts < PARTS {
+        out += &format!("\n**Stopped after {parts} of {PARTS} parts.**\n");
+    }
     out += "\nWhat was measured by hand besides, and why what is missed is missed: [NOTES.md](NOTES.md).\n\n";
     sections.iter().for_each(|section| out += &section.markdown());
     format!("{}\n", out.trim_end())
