@@ -314,6 +314,7 @@ mod tests {
             camera,
             light,
             material: Material::default(),
+            enhance: Default::default(),
             background: BACKGROUND,
             representation: Default::default(),
             paint: Paint::Shaded,

@@ -17,6 +17,46 @@ const COEFFICIENTS: [[f32; 3]; 7] = [
     [-5.435_456, 4.645_852_6, 26.312_435],
 ];
 
+/// Which colours stand for numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ColourMap {
+    /// [`viridis`], from the least to the largest.
+    #[default]
+    Viridis,
+    /// [`bend_colour`], to both sides of nothing.
+    Bend,
+}
+
+impl ColourMap {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            ColourMap::Viridis => "viridis",
+            ColourMap::Bend => "blue, white, orange",
+        }
+    }
+
+    /// sRGB of a place between the least number, 0, and the largest, 1.
+    pub fn colour(self, t: f32) -> [u8; 3] {
+        match self {
+            ColourMap::Viridis => viridis(t),
+            ColourMap::Bend => bend_colour(2.0 * t - 1.0),
+        }
+    }
+}
+
+/// By how much, in degrees, the surface turns within the radius where colours of bends are strongest;
+/// `TURN_MAX` in `shaders/src/shade.wgsl`.
+pub const TURN_MAX_DEG: f64 = 15.0;
+
+/// sRGB of a bend, −1 where it is hollow to 1 where it bulges: blue, white and orange, which few confuse;
+/// `shaders/src/shade.wgsl` has the same.
+pub fn bend_colour(bend: f32) -> [u8; 3] {
+    let bend = bend.clamp(-1.0, 1.0);
+    let end: [f32; 3] = if bend < 0.0 { [0.13, 0.40, 0.67] } else { [0.70, 0.35, 0.02] };
+    end.map(|end| ((0.97 + (end - 0.97) * bend.abs()) * 255.0).round() as u8)
+}
+
 /// sRGB where there is no value: grey, which the map has nowhere.
 pub const NO_VALUE: [u8; 3] = [122, 122, 122];
 

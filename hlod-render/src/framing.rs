@@ -18,8 +18,12 @@ pub struct Framing {
     pub axes: [DVec3; 3],
     /// Extent along up, world units; of flat things at least a tenth of the largest extent.
     pub height: f64,
-    /// Bounds, world space.
+    /// Bounds along the axes of world space.
     pub bounds: (DVec3, DVec3),
+    /// Half the extents along right, up and front.
+    pub half: [f64; 3],
+    /// Corners of the box that these are of, world space.
+    pub corners: [DVec3; 8],
 }
 
 /// Field of view of named views and new paths: a mild telephoto.
@@ -42,8 +46,7 @@ impl Framing {
 
     /// Width, height and depth, in the source's unit: along right, up and front.
     pub fn size(&self) -> [f64; 3] {
-        let size = self.bounds.1 - self.bounds.0;
-        self.axes.map(|axis| size.dot(axis.abs()))
+        self.half.map(|half| 2.0 * half)
     }
 
     /// `up` and `front` are perpendicular unit vectors along axes.
@@ -51,7 +54,45 @@ impl Framing {
         let size = bounds.1 - bounds.0;
         let height = size.dot(up.abs()).max(0.1 * size.max_element()).max(f64::MIN_POSITIVE);
         let axes = [up.cross(front), up, front];
-        Framing { centre: (bounds.0 + bounds.1) / 2.0, axes, height, bounds }
+        Framing {
+            centre: (bounds.0 + bounds.1) / 2.0,
+            axes,
+            height,
+            bounds,
+            half: axes.map(|axis| size.dot(axis.abs()) / 2.0),
+            corners: corners(bounds),
+        }
+    }
+
+    /// The same statue with other axes, unit vectors right, up and front at right angles. `extents` are the least and
+    /// the most along each; where they are not known yet, those of the bounds are taken, which are too large.
+    pub fn turned(&self, axes: [DVec3; 3], extents: Option<[[f64; 2]; 3]>) -> Framing {
+        let (low, high) = self.bounds;
+        let of_bounds = axes.map(|axis| {
+            let (middle, reach) = ((low + high).dot(axis), (high - low).dot(axis.abs()));
+            [(middle - reach) / 2.0, (middle + reach) / 2.0]
+        });
+        let extents = extents.unwrap_or(of_bounds);
+        let half = extents.map(|[least, most]| (most - least) / 2.0);
+        let along = |place: [f64; 3]| axes[0] * place[0] + axes[1] * place[1] + axes[2] * place[2];
+        let centre = along(extents.map(|[least, most]| (least + most) / 2.0));
+        let largest = half.into_iter().fold(0.0, f64::max);
+        Framing {
+            centre,
+            axes,
+            height: (2.0 * half[1].max(0.1 * largest)).max(f64::MIN_POSITIVE),
+            bounds: self.bounds,
+            half,
+            corners: std::array::from_fn(|i| {
+                let side = |axis: usize| if i >> axis & 1 == 1 { 1.0 } else { -1.0 };
+                centre + along([0, 1, 2].map(|axis| side(axis) * half[axis]))
+            }),
+        }
+    }
+
+    /// Half of what the box reaches along a unit vector.
+    pub fn reach(&self, direction: DVec3) -> f64 {
+        (0..3).map(|i| self.half[i] * self.axes[i].dot(direction).abs()).sum()
     }
 
     /// A model-relative point in world space.
@@ -98,12 +139,8 @@ impl Framing {
         let tangent = (fov_y_deg.to_radians() / 2.0).tan();
         // As near as every corner of the bounds allows, with a margin of 4 %.
         let mut distance: f64 = 0.0;
-        for i in 0..8 {
-            let pick = |axis: usize| {
-                let bounds = self.bounds;
-                if i >> axis & 1 == 1 { bounds.1[axis] } else { bounds.0[axis] }
-            };
-            let corner = DVec3::new(pick(0), pick(1), pick(2)) - self.centre;
+        for corner in self.corners {
+            let corner = corner - self.centre;
             let needed =
                 (corner.dot(up).abs() / tangent).max(corner.dot(right).abs() / (tangent * aspect));
             distance = distance.max(needed * 1.04 + corner.dot(back));
@@ -112,6 +149,14 @@ impl Framing {
         camera.near = self.near(camera.eye);
         camera
     }
+}
+
+/// Corners of a box.
+fn corners((min, max): (DVec3, DVec3)) -> [DVec3; 8] {
+    std::array::from_fn(|i| {
+        let pick = |axis: usize| if i >> axis & 1 == 1 { max[axis] } else { min[axis] };
+        DVec3::new(pick(0), pick(1), pick(2))
+    })
 }
 
 /// Views that have a name.
@@ -144,6 +189,32 @@ mod tests {
         // Right of someone who looks at the front.
         assert_eq!(f.axes[0], DVec3::X);
         assert_eq!(f.size(), [6.0, 10.0, 4.0]);
+    }
+
+    #[test]
+    fn a_turned_statue_is_as_large_as_it_is_along_its_own_axes() {
+        let turn = glam::DMat3::from_rotation_z(0.5);
+        let axes = [turn.x_axis, turn.y_axis, turn.z_axis];
+        let loose = framing().turned(axes, None);
+        // A square of 2 round a corner of the bounds.
+        let extents = axes.map(|axis| {
+            let at = DVec3::new(1.0, 4.0, 0.0).dot(axis);
+            [at - 1.0, at + 1.0]
+        });
+        let tight = framing().turned(axes, Some(extents));
+        assert!(tight.centre.distance(DVec3::new(1.0, 4.0, 0.0)) < 1e-12);
+        assert!(tight.size().iter().all(|side| (side - 2.0).abs() < 1e-12));
+        assert!((tight.height - 2.0).abs() < 1e-12 && tight.bounds == framing().bounds);
+        assert!(tight.corners.iter().all(|c| {
+            let off = *c - tight.centre;
+            axes.iter().all(|axis| (off.dot(*axis).abs() - 1.0).abs() < 1e-12)
+        }));
+        assert!((tight.reach(axes[1]) - 1.0).abs() < 1e-12);
+        assert!((tight.reach(DVec3::X) - (0.5f64.cos() + 0.5f64.sin())).abs() < 1e-12);
+        assert!(loose.size()[1] > 10.0, "{:?}", loose.size());
+        // Not turned it is what it was.
+        let same = framing().turned(framing().axes, None);
+        assert_eq!((same.centre, same.size()), (framing().centre, framing().size()));
     }
 
     #[test]

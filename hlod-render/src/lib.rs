@@ -21,6 +21,7 @@ pub mod clip;
 pub mod colour_map;
 mod edges;
 mod error;
+pub mod extents;
 pub mod figure;
 pub mod files;
 pub mod frame;

@@ -5,7 +5,7 @@ use hlod_compress::{Header, Primitives, RepresentationKind, ScalarRange};
 
 use crate::camera::Camera;
 use crate::clip::ClipPlanes;
-use crate::colour_map::bounds_shown;
+use crate::colour_map::{ColourMap, TURN_MAX_DEG, bounds_shown};
 
 /// Where light comes from.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -121,6 +121,9 @@ pub enum Paint {
     Kinds,
     /// The edges of every triangle that is drawn.
     Edges,
+    /// How the surface bends within [`Enhance::radius_px`]: hollows blue, bulges orange, see
+    /// [`bend_colour`](crate::colour_map::bend_colour).
+    Curvature,
     /// A colour for each number that was kept with the scan: the file's first one, or another. Files without it
     /// are shaded.
     Scalar(u8),
@@ -128,7 +131,7 @@ pub enum Paint {
 
 impl Paint {
     /// All that every file has.
-    pub const ALL: [Paint; 7] = [
+    pub const ALL: [Paint; 8] = [
         Paint::Shaded,
         Paint::Depth,
         Paint::Borders,
@@ -136,6 +139,7 @@ impl Paint {
         Paint::Bound,
         Paint::Kinds,
         Paint::Edges,
+        Paint::Curvature,
     ];
 
     /// Of a name on the command line: one of [`Paint::ALL`], or of the numbers that the file keeps, which
@@ -166,8 +170,34 @@ impl Paint {
             Paint::Bound => "bound",
             Paint::Kinds => "kinds",
             Paint::Edges => "edges",
+            Paint::Curvature => "curvature",
             Paint::Scalar(_) => "value",
         }
+    }
+}
+
+/// Contrast that follows the relief of the surface, so that worn inscriptions can be read: what bulges is brighter,
+/// what is hollow darker, in whatever light. As the surface is seen, so that relief of any size shows from the distance
+/// from which it is a few pixels wide (after Vergne et al., *Radiance Scaling*, I3D 2010; theirs scales what is
+/// reflected about a mean, which leaves a hollow in full light as it is; ours multiplies the odds of light, which stays
+/// between none and all of it).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Enhance {
+    /// 0 for none, up to 1.
+    pub strength: f32,
+    /// Within how many pixels of the picture bends are looked for, 1 to [`Enhance::RADIUS_MAX_PX`].
+    pub radius_px: f32,
+}
+
+impl Enhance {
+    /// The largest radius: more would be of shapes that light shows better.
+    pub const RADIUS_MAX_PX: f32 = 32.0;
+}
+
+impl Default for Enhance {
+    /// None.
+    fn default() -> Self {
+        Enhance { strength: 0.0, radius_px: 4.0 }
     }
 }
 
@@ -180,8 +210,10 @@ pub struct Painted {
     pub unit: String,
     /// The least and the largest value; `None` where no vertex has any.
     pub bounds: Option<[f64; 2]>,
-    /// What grey stands for.
+    /// What grey stands for; empty where nothing is grey.
     pub grey: &'static str,
+    /// Which colours stand for them.
+    pub map: ColourMap,
 }
 
 impl Painted {
@@ -192,6 +224,19 @@ impl Painted {
             unit: header.unit.name().to_owned(),
             bounds: Some(bounds_shown(header)),
             grey: "the scan itself",
+            map: ColourMap::Viridis,
+        }
+    }
+
+    /// What [`Paint::Curvature`] shows within so many pixels.
+    pub fn curvature(radius_px: f32) -> Painted {
+        let most = 2.0 * TURN_MAX_DEG;
+        Painted {
+            name: format!("turn within {} px, bulges above 0", 2.0 * radius_px),
+            unit: "°".to_owned(),
+            bounds: Some([-most, most]),
+            grey: "",
+            map: ColourMap::Bend,
         }
     }
 
@@ -205,6 +250,7 @@ impl Painted {
             unit: printable(&range.unit),
             bounds: range.value(1.min(range.codes)).zip(range.value(range.codes)).map(|b| b.into()),
             grey: "no value",
+            map: ColourMap::Viridis,
         };
         header.scalars().map(painted).collect()
     }
@@ -275,6 +321,8 @@ pub struct Shot {
     pub light: Light,
     /// Looks.
     pub material: Material,
+    /// Contrast that follows relief.
+    pub enhance: Enhance,
     /// Linear light of the background.
     pub background: Vec3,
     /// Which hierarchy.
@@ -311,6 +359,21 @@ impl Shot {
         }
     }
 
+    /// Whether shading looks at how the surface bends: then each pixel depends on those round it, see
+    /// [`Shot::reach_px`].
+    pub(crate) fn sees_relief(&self) -> bool {
+        self.paint == Paint::Curvature
+            || (self.paint == Paint::Shaded && self.enhance.strength > 0.0)
+    }
+
+    /// How far pixels are that one depends on.
+    pub fn reach_px(&self) -> u32 {
+        match self.sees_relief() {
+            true => self.enhance.radius_px.ceil() as u32 + 1,
+            false => 0,
+        }
+    }
+
     /// The same of a statue that is cut open; without shadows, which are not drawn then.
     pub fn cut_open(&self, clip: ClipPlanes) -> Shot {
         let shadow = if clip.is_none() { self.shadow } else { Shadow::None };
@@ -323,6 +386,7 @@ impl Shot {
         Shot {
             error_threshold_px: self.error_threshold_px * n,
             caster_threshold_px: self.caster_threshold_px * n,
+            enhance: Enhance { radius_px: self.enhance.radius_px * n as f32, ..self.enhance },
             ..*self
         }
     }

@@ -56,6 +56,12 @@ pub(crate) fn uniform(
         bias: Vec4::new(0.0, flag(window.is_part), 0.0, 0.0),
         points: points_uniform(&clip_from_model, parallel, 0.0),
         scalar: Vec4::ZERO,
+        relief: Vec4::new(
+            shot.enhance.strength,
+            shot.enhance.radius_px,
+            flag(shot.paint == Paint::Curvature),
+            0.0,
+        ),
         shading: Vec4::new(shot.material.ambient, flag(has_colours), flag(shot.backs_magenta), 1.0),
         // Known when all that is seen is.
         area: [0; 4],

@@ -9,13 +9,18 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use glam::DVec2;
 use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
+use hlod_render::leaves::Leaves;
+use hlod_render::lens::Lens;
 use hlod_render::path::CameraPath;
+use hlod_render::pick::first_hit;
 use hlod_render::picture::{Picture, take};
 use hlod_render::scene::{
     BACKGROUND, CASTER_THRESHOLD_PX, Material, Paint, Representation, Shadow, Shot,
     light_from_angles,
 };
+use hlod_render::session::load as load_session;
 use hlod_render::{AdapterChoice, Gpu, Model, ModelLimits};
 
 const WIDTH: u32 = 800;
@@ -94,6 +99,83 @@ fn the_window_takes_a_picture_of_itself_and_leaves() {
     assert_alike(&load(&png), &offscreen(&file), "the window's picture and the expected one");
 }
 
+/// Everything that a hand does on the statue: the cube that says where one is, picking with a tool, a plane through
+/// three points that is dragged by its handle, undoing, and the session that it all becomes.
+#[test]
+fn the_window_measures_cuts_and_keeps_what_was_done() {
+    if let Some(why) = missing() {
+        return skip(&why);
+    }
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = ball(folder.path());
+    let display = Display::start();
+    let mut program = display.view(&file, folder.path(), &[]);
+    let window = display.window_of(&mut program);
+    display.xdotool(&["mousemove", "20", "580"]);
+    let first = display.settled(&mut program);
+
+    // The front of the cube leads to the same view as its key.
+    display.key(&window, "1");
+    let front = display.settled(&mut program);
+    assert!(differing(&first, &front) > MOVED, "the front is another view");
+    display.key(&window, "Home");
+    display.settled(&mut program);
+    display.click((32, 49));
+    display.xdotool(&["mousemove", "20", "580"]);
+    assert_alike(&front, &display.settled(&mut program), "the front by its key and by the cube");
+
+    // A distance between two places, which are those that rays through the pixels meet.
+    let places = [(330, 260), (470, 330)];
+    display.key(&window, "m");
+    places.iter().for_each(|place| display.click(*place));
+    // A plane through three, and its handle dragged to the right.
+    display.key(&window, "x");
+    [(400, 200), (420, 300), (400, 400)].iter().for_each(|place| display.click(*place));
+    display.settled(&mut program);
+    let session = file.with_extension("hlod.session.json");
+    let saved = || load_session(&session).expect("the session can be read");
+    let before = display.until(&mut program, || saved().sections.first().cloned());
+    let leaves = Leaves::open(&file).expect("the file opens");
+    let framing = Framing::of_header(leaves.header());
+    let aspect = f64::from(WIDTH) / f64::from(HEIGHT);
+    let camera = framing.fitting(NAMED_VIEWS[0].1, aspect, FOV_Y_DEG);
+    let lens = Lens { camera, size: DVec2::new(WIDTH.into(), HEIGHT.into()) };
+    let plane = before.plane();
+    let handle = framing.centre - plane.normal * plane.distance(framing.centre);
+    let handle = lens.pixel_of(handle).expect("it is before the eye").as_ivec2();
+    display.drag("1", (handle.x, handle.y), (handle.x + 60, handle.y));
+    let moved = display.until(&mut program, || {
+        saved().sections.first().filter(|section| section.offset != before.offset).cloned()
+    });
+    // The handle is where the hand went; perspective bends the way there a little.
+    let now = framing.centre - plane.normal * moved.plane().distance(framing.centre);
+    let went = lens.pixel_of(now).expect("it is before the eye").as_ivec2() - handle;
+    assert!((went.x - 60).abs() <= 9, "{went}");
+    assert_eq!(moved.normal, before.normal);
+
+    // Undone it is where it was.
+    display.key(&window, "ctrl+z");
+    display.until(&mut program, || {
+        saved().sections.first().filter(|section| section.offset == before.offset).cloned()
+    });
+    display.key(&window, "ctrl+q");
+    let status = wait(&mut program);
+    assert!(status.success(), "{status}");
+
+    let measured = saved().measurements.first().cloned().expect("it was measured");
+    for (point, (x, y)) in measured.points.iter().zip(places) {
+        // A pixel has its middle half a pixel on; clicks are at its corner.
+        let (origin, direction) = lens.ray(DVec2::new(x.into(), y.into()));
+        let hit = first_hit(&leaves, origin, direction).expect("leaves are read");
+        let off = hit.expect("the ball is there").position.distance(point.place());
+        let pixel = point.pixel_length.expect("it was clicked");
+        assert!(off < 1.5 * pixel, "{off} at {x}, {y}, where a pixel is {pixel}");
+    }
+    let value = measured.result.expect("it was worked out").value;
+    let between = measured.points[0].place().distance(measured.points[1].place());
+    assert!((value - between).abs() < 1e-9);
+}
+
 /// What this machine lacks, if anything.
 fn missing() -> Option<String> {
     for (tool, argument) in [("Xvfb", "-help"), ("xdotool", "version"), ("import", "-version")] {
@@ -160,6 +242,7 @@ fn offscreen(file: &Path) -> Picture {
         camera,
         light: light_from_angles(&camera, -45.0, 40.0),
         material: Material::default(),
+        enhance: Default::default(),
         background: BACKGROUND,
         representation: Representation::Hybrid,
         paint: Paint::Shaded,
@@ -175,13 +258,14 @@ fn offscreen(file: &Path) -> Picture {
     take(&gpu, &mut models, &shot, WIDTH, HEIGHT, 1).expect("the picture is taken").0
 }
 
-/// Share of pixels that differ visibly. The upper right corner holds buttons, not the statue.
+/// Share of pixels that differ visibly. The upper corners hold the cube and buttons, not the statue.
 fn differing(a: &Picture, b: &Picture) -> f64 {
     assert_eq!((a.width, a.height), (b.width, b.height));
     let pixels = a.rgba.chunks_exact(4).zip(b.rgba.chunks_exact(4)).enumerate();
     let different = pixels.filter(|(i, (p, q))| {
         let (x, y) = (*i as u32 % WIDTH, *i as u32 / WIDTH);
-        (x < WIDTH - 90 || y > 40) && (0..3).any(|c| p[c].abs_diff(q[c]) > 2)
+        let is_statue = (x < WIDTH - 90 || y > 40) && (x > 90 || y > 90);
+        is_statue && (0..3).any(|c| p[c].abs_diff(q[c]) > 2)
     });
     different.count() as f64 / f64::from(WIDTH * HEIGHT)
 }
@@ -316,6 +400,28 @@ impl Display {
     fn key(&self, window: &str, key: &str) {
         // Without a window manager, nothing has the keyboard by itself.
         self.xdotool(&["windowfocus", "--sync", window, "key", key]);
+    }
+
+    /// Moves there and clicks, and waits until that has been answered for.
+    fn click(&self, (x, y): (i32, i32)) {
+        self.xdotool(&["mousemove", &x.to_string(), &y.to_string(), "click", "1"]);
+        // Two clicks within less are a double click.
+        std::thread::sleep(Duration::from_millis(1200));
+    }
+
+    /// Waits until something is there.
+    fn until<T>(&self, program: &mut Child, found: impl Fn() -> Option<T>) -> T {
+        let begin = Instant::now();
+        while begin.elapsed() < PATIENCE {
+            let ended = program.try_wait().expect("the program can be waited for");
+            assert!(ended.is_none(), "the program ended by itself: {ended:?}");
+            if let Some(found) = found() {
+                return found;
+            }
+            std::thread::sleep(Duration::from_millis(200));
+        }
+        let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("window-never.png");
+        panic!("it never came; see {file:?}, {:?}", self.grab().save(&file));
     }
 
     fn drag(&self, button: &str, from: (i32, i32), to: (i32, i32)) {

@@ -34,6 +34,9 @@ struct Frame {
     // x: 1 + which kept number is painted, 0 for none; y: the code that is 0 on the map, z: by how much of
     // it each further code is; w: 1 where directions are painted.
     scalar: vec4<f32>,
+    // x: how much contrast follows the bends of the surface, 0 to 1; y: within how many pixels; z: 1 where they are
+    // painted.
+    relief: vec4<f32>,
     // The part of the picture in which anything is seen: its first pixel, its width and height.
     area: vec4<u32>,
     // x, y: size of the picture in pixels; z: number of the arena's first triangle; w: of its

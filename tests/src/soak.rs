@@ -203,6 +203,7 @@ impl Wandering {
             camera,
             light: light_from_angles(&camera, -45.0 + f64::from(self.frame % 360), 30.0),
             material: Material::default(),
+            enhance: Default::default(),
             background: BACKGROUND,
             representation: Representation::Hybrid,
             paint: Paint::Shaded,

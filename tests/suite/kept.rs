@@ -437,7 +437,7 @@ fn shots_have_a_legend_and_refuse_other_names() {
     assert_eq!(output.status.code(), Some(2), "{said}");
     assert!(
         said.contains(
-            "this file has shaded, depth, borders, normals, bound, kinds, edges, height, label"
+            "this file has shaded, depth, borders, normals, bound, kinds, edges, curvature, height, label"
         ),
         "{said}"
     );

@@ -22,5 +22,6 @@ mod programs;
 mod restart;
 mod section;
 mod shadows;
+mod standing;
 mod streaming;
 mod textures;

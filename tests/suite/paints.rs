@@ -4,10 +4,12 @@ use std::path::Path;
 
 use glam::DVec3;
 use hlod_compress::srgb::linear_from_srgb;
-use hlod_render::colour_map::{NO_VALUE, bound_colour, bounds_shown};
+use hlod_render::camera::{Camera, Projection};
+use hlod_render::colour_map::{NO_VALUE, TURN_MAX_DEG, bend_colour, bound_colour, bounds_shown};
+use hlod_render::figure::Sheet;
 use hlod_render::framing::{FOV_Y_DEG, Framing};
 use hlod_render::picture::{Picture, take};
-use hlod_render::scene::{Paint, Representation, Shot};
+use hlod_render::scene::{Light, Paint, Representation, Shot};
 use hlod_render::{Gpu, Model, ModelLimits};
 use hlod_tests::{ball, built, gpu, ply};
 
@@ -159,4 +161,98 @@ fn edges_are_where_triangles_end() {
             assert!(!dark(x, y), "{along} {off}");
         }
     }
+}
+
+/// A height field over a square of 2 × 2 that faces the eye.
+fn field(height: impl Fn(f64, f64) -> f64) -> String {
+    const N: u32 = 80;
+    let at = |i: u32| f64::from(i) / f64::from(N) * 2.0 - 1.0;
+    let side = 0..=N;
+    let points = side.clone().flat_map(|j| side.clone().map(move |i| (at(i), at(j))));
+    let points: Vec<[f64; 3]> = points.map(|(x, y)| [x, y, height(x, y)]).collect();
+    let corner = |i: u32, j: u32| j * (N + 1) + i;
+    let cells = (0..N).flat_map(|j| (0..N).map(move |i| (i, j)));
+    let faces = cells.flat_map(|(i, j)| {
+        let [a, b, c, d] = [corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)];
+        [[a, b, c], [a, c, d]]
+    });
+    ply(&points, &faces.collect::<Vec<_>>())
+}
+
+/// Looks straight at a field by parallel rays, so that a pixel is equally long everywhere.
+fn from_above(shot: &mut Shot) {
+    let projection = Projection::Orthographic { height: 2.4 };
+    shot.camera = Camera {
+        eye: DVec3::new(0.0, 0.0, 5.0),
+        target: DVec3::ZERO,
+        up: DVec3::Y,
+        projection,
+        near: 0.0,
+    };
+    shot.representation = Representation::Full;
+}
+
+/// How far a pixel's hue is from a bend's, of 1.
+fn off_bend(found: [u8; 3], bend: f32) -> f32 {
+    let [found, wanted] = [found, bend_colour(bend)].map(|srgb| {
+        let linear = srgb.map(linear_from_srgb);
+        linear.map(|c| c / linear.into_iter().fold(1e-6, f32::max))
+    });
+    (0..3).map(|k| (found[k] - wanted[k]).abs()).fold(0.0, f32::max)
+}
+
+#[test]
+fn bends_are_those_of_balls_and_bowls_whatever_their_place_in_the_picture() {
+    const RADIUS: f64 = 3.0;
+    let radius_px = 12.0;
+    // Of a ball: radius of the neighbourhood over radius of the ball.
+    let pixel_side = 2.4 / f64::from(SIZE);
+    let turn = radius_px * pixel_side / RADIUS / TURN_MAX_DEG.to_radians();
+    for sign in [1.0, -1.0] {
+        let ball = |x: f64, y: f64| sign * (RADIUS * RADIUS - x * x - y * y).sqrt();
+        let mut s = scene(&field(ball));
+        let picture = s.picture(|shot| {
+            from_above(shot);
+            shot.paint = Paint::Curvature;
+            shot.enhance.radius_px = radius_px as f32;
+        });
+        let wanted = (sign * turn) as f32;
+        assert!((0.1..0.5).contains(&wanted.abs()), "{wanted}");
+        let middle = (40..160).step_by(10);
+        for (x, y) in middle.clone().flat_map(|y| middle.clone().map(move |x| (x, y))) {
+            let found = pixel(&picture, x, y);
+            let off = off_bend(found, wanted);
+            assert!(off < 0.05, "{sign} at {x}, {y}: {found:?}, {off}");
+            assert!(off_bend(found, -wanted) > 0.1, "the other way round");
+            assert!(off_bend(found, 2.0 * wanted) > 0.1, "twice as much");
+        }
+    }
+}
+
+/// A groove in a plane: its bottom darker, its edges brighter, and the plane as it was, to a step.
+#[test]
+fn relief_is_enhanced_where_it_is_and_nowhere_else() {
+    let groove = |x: f64, _: f64| -0.02 * (-(x / 0.05).powi(2)).exp();
+    let mut s = scene(&field(groove));
+    let mut take = |strength: f32, size: u32| {
+        let mut shot = s.shot;
+        from_above(&mut shot);
+        shot.light = Light::Directional(DVec3::Z);
+        shot.enhance.strength = strength;
+        let mut sheet = Sheet::of(&shot, SIZE, SIZE);
+        sheet.part_px = Some(size);
+        sheet.picture(&s.gpu, &mut s.models).unwrap()
+    };
+    let (plain, enhanced) = (take(0.0, SIZE), take(0.7, SIZE));
+    let light = |picture: &Picture, x: u32| i32::from(pixel(picture, x, 100)[1]);
+    let change = |x: u32| light(&enhanced, x) - light(&plain, x);
+    // The groove is 8 pixels wide.
+    assert!(change(100) < -15, "its bottom: {}", change(100));
+    assert!(change(93).max(change(92)) > 5, "its edge: {} {}", change(93), change(92));
+    for x in [30, 50, 70, 130, 160] {
+        assert!(change(x).abs() <= 1, "the plane at {x}: {}", change(x));
+    }
+    // Pixels near sides of parts ask those of other parts.
+    assert_eq!(take(0.7, 37).rgba, enhanced.rgba, "in parts");
+    assert_ne!(take(0.6, 37).rgba, enhanced.rgba, "with less");
 }

@@ -35,6 +35,7 @@ pub fn shot(framing: &Framing, representation: Representation) -> Shot {
         camera,
         light: light_from_angles(&camera, -45.0, 30.0),
         material: Material::default(),
+        enhance: Default::default(),
         background: BACKGROUND,
         representation,
         paint: Paint::Shaded,

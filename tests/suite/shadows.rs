@@ -147,6 +147,7 @@ fn shot(eye: DVec3, light: Light) -> Shot {
         camera: camera(eye),
         light,
         material: Material::default(),
+        enhance: Default::default(),
         background: BACKGROUND,
         representation: Representation::Hybrid,
         paint: Paint::Shaded,

@@ -9,7 +9,7 @@ use super::section::SectionArgs;
 use super::work::{MeasureArgs, NotesArgs, SessionArgs};
 use hlod_render::camera::Camera;
 use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
-use hlod_render::scene::{CASTER_THRESHOLD_PX, Light, Representation, Shadow};
+use hlod_render::scene::{CASTER_THRESHOLD_PX, Enhance, Light, Representation, Shadow};
 use hlod_render::{AdapterChoice, Gpu, ModelLimits, RenderError};
 
 use super::figure_args::{FigureArgs, LightDomeArgs, PlateArgs, TurntableArgs};
@@ -129,6 +129,41 @@ pub struct DrawArgs {
     /// eye, positive from the right and from above; or RIGHT,UP,FRONT of a lamp (not for audits).
     #[arg(long, value_name = "LIGHT", default_value = "-45,40", value_parser = numbers::<2, 3>, allow_hyphen_values = true)]
     pub light: Numbers,
+    #[command(flatten)]
+    pub enhance: EnhanceArgs,
+}
+
+/// Contrast that follows relief.
+#[derive(Args, Clone, Copy)]
+pub struct EnhanceArgs {
+    /// Contrast that follows relief, 0 to 1, in whatever light: what bulges is brighter, what is hollow
+    /// darker, so that worn inscriptions can be read.
+    #[arg(long, value_name = "STRENGTH", default_value_t = 0.0, value_parser = share)]
+    pub enhance: f32,
+    /// Within how many pixels relief is looked for, 1 to 32: about half as wide as a stroke is in the
+    /// picture. Also of --paint curvature.
+    #[arg(long, value_name = "PX", default_value_t = 4.0, value_parser = enhance_radius)]
+    pub enhance_radius: f32,
+}
+
+impl EnhanceArgs {
+    pub fn enhance(&self) -> Enhance {
+        Enhance { strength: self.enhance, radius_px: self.enhance_radius }
+    }
+}
+
+fn share(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(value) if (0.0..=1.0).contains(&value) => Ok(value),
+        _ => Err("expected 0 to 1".into()),
+    }
+}
+
+fn enhance_radius(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(value) if (1.0..=Enhance::RADIUS_MAX_PX).contains(&value) => Ok(value),
+        _ => Err(format!("expected 1 to {} pixels", Enhance::RADIUS_MAX_PX)),
+    }
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -264,8 +299,9 @@ pub struct ShotArgs {
     #[command(flatten)]
     pub draw: DrawArgs,
     /// What pixels are painted with: shaded, the surface in its light; depth, of the level of detail
-    /// that is seen; borders, lines where nodes end with the skirts between them; or a number that the
-    /// file keeps, by its name, with a legend.
+    /// that is seen; borders, lines where nodes end with the skirts between them; normals; bound, how far
+    /// what is drawn may be from the scan; kinds of primitives; edges of triangles; curvature, hollows blue
+    /// and bulges orange; or a number that the file keeps, by its name, with a legend.
     #[arg(long, value_name = "PAINT", default_value = "shaded")]
     pub paint: String,
     /// Average N × N samples a pixel, for smooth edges.

@@ -19,7 +19,7 @@ use hlod_render::{Gpu, Model};
 
 use super::args::{self, Cli, DrawArgs, JsonArgs, ShotArgs};
 use super::figure_args::{FigureArgs, LightDomeArgs, PlateArgs, TurntableArgs};
-use super::work::saved_view;
+use super::work::{load_session, saved_view, session_framing};
 use super::{Failure, Outcome, open, print, progress_bar, shot, tables};
 
 /// Of lines of text in a picture whose resolution on paper nobody said: a share of its height.
@@ -49,6 +49,18 @@ fn open_model(cli: &Cli, file: &Path, draw: &DrawArgs) -> Result<Opened, Failure
 }
 
 impl Opened {
+    /// Stands as a session says, if one is given.
+    fn stand(&mut self, session: Option<&Path>, file: &Path) -> Outcome {
+        let Some(path) = session else { return Ok(()) };
+        let header = self.models[0].header();
+        let (session, _) = load_session(path, file, header)?;
+        self.framing = session_framing(&session, file, header)?;
+        if let Some(frame) = &session.frame {
+            self.provenance.add("stands", &frame.made);
+        }
+        Ok(())
+    }
+
     /// What went wrong in the background.
     fn problems(&mut self) -> Vec<String> {
         let problems = self.models[0].take_problems();
@@ -70,12 +82,15 @@ pub fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
     let unit = unit_of(opened.models[0].header().unit, figure.unit)?;
     let scale = figure.scale.zip(dpi).map(|(reduction, dpi)| Scale { reduction, dpi });
     let view = saved_view(&args.session, &args.file, opened.models[0].header())?;
-    let viewpoint = view.as_ref().map(|(view, _)| view.viewpoint.camera(&opened.framing));
+    if let Some((_, _, framing)) = &view {
+        opened.framing = *framing;
+    }
+    let viewpoint = view.as_ref().map(|(view, ..)| view.viewpoint.camera(&opened.framing));
     let (camera, (width, height)) = shot_camera(args, viewpoint, &opened.framing, scale, unit)?;
     let mut shot = shot(&args.draw, camera, &opened.framing)?;
     let header = opened.models[0].header();
     shot.paint = Paint::of_name(&args.paint, header).map_err(Failure::Usage)?;
-    if let Some((view, clip)) = &view {
+    if let Some((view, clip, _)) = &view {
         let lit = view.looks.apply(shot, &opened.framing);
         shot = lit.cut_open(*clip);
         if lit.shadow != shot.shadow {
@@ -104,7 +119,8 @@ pub fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
     let provenance = &mut opened.provenance;
     if let Some(painted) = &painted {
         let [low, high] = painted.ends();
-        provenance.add("colours", &format!("{} from {low} to {high}, viridis", painted.title()));
+        let map = painted.map.name();
+        provenance.add("colours", &format!("{} from {low} to {high}, {map}", painted.title()));
     }
     if let Some(scale) = scale {
         provenance.add("scale", &format!("{} at {} dpi", scale.name(), scale.dpi));
@@ -184,6 +200,7 @@ fn text_px(sheet: &Sheet, scale: Option<Scale>) -> f64 {
 fn painted(shot: &Shot, header: &Header) -> Option<Painted> {
     match shot.paint {
         Paint::Bound => Some(Painted::bound(header)),
+        Paint::Curvature => Some(Painted::curvature(shot.enhance.radius_px)),
         Paint::Scalar(k) => Painted::all(header).into_iter().nth(k.into()),
         _ => None,
     }
@@ -194,16 +211,24 @@ fn add_legend(sheet: &mut Sheet, painted: &Painted, text_px: f64) -> Outcome {
     let margin = (text_px * 0.8) as i64;
     let corner = (i64::from(sheet.width) - margin, i64::from(sheet.height) - margin);
     let width = (sheet.width / 3).max(1);
-    let marks = legend(painted, &Font::new()?, corner, (width, text_px), ink_on(sheet));
+    let marks = legend(painted, &Font::new()?, corner, (width, text_px), ink_and_paper(sheet));
     sheet.marks.extend(marks);
     Ok(())
 }
 
 /// Black on what is light, white on what is dark; nobody knows what is behind what is transparent.
 fn ink_on(sheet: &Sheet) -> [u8; 3] {
-    let is_dark =
-        !sheet.transparent && sheet.paper.iter().map(|c| u32::from(*c)).sum::<u32>() < 384;
-    if is_dark { [255; 3] } else { [0; 3] }
+    ink_and_paper(sheet)[0]
+}
+
+/// What is written with, and what behind it can be read.
+fn ink_and_paper(sheet: &Sheet) -> [[u8; 3]; 2] {
+    let (black, white) = ([0; 3], [255; 3]);
+    if sheet.transparent {
+        return [black, white];
+    }
+    let is_dark = sheet.paper.iter().map(|c| u32::from(*c)).sum::<u32>() < 384;
+    [if is_dark { white } else { black }, sheet.paper]
 }
 
 /// Bar and caption at the lower left.
@@ -267,8 +292,10 @@ pub fn run_plate(cli: &Cli, args: &PlateArgs) -> Outcome {
         caster_tau: hlod_render::scene::CASTER_THRESHOLD_PX,
         shadow_exact: false,
         light: vec![-45.0, 30.0],
+        enhance: args.enhance,
     };
     let mut opened = open_model(cli, &args.file, &draw)?;
+    opened.stand(args.session.as_deref(), &args.file)?;
     let unit = unit_of(opened.models[0].header().unit, args.unit)?;
     let scale = Scale { reduction: args.scale, dpi: args.dpi };
     let title = args.title.clone().unwrap_or_else(|| opened.provenance.title.clone());
@@ -321,6 +348,7 @@ pub fn run_plate(cli: &Cli, args: &PlateArgs) -> Outcome {
 pub fn run_turntable(cli: &Cli, args: &TurntableArgs) -> Outcome {
     check_folder(&args.output)?;
     let mut opened = open_model(cli, &args.file, &args.draw)?;
+    opened.stand(args.session.as_deref(), &args.file)?;
     let (width, height) = args.draw.size();
     let aspect = f64::from(width) / f64::from(height);
     let cameras = match args.ortho {
@@ -344,6 +372,10 @@ pub fn run_turntable(cli: &Cli, args: &TurntableArgs) -> Outcome {
 }
 
 pub fn run_light_dome(cli: &Cli, args: &LightDomeArgs) -> Outcome {
+    if args.draw.enhance.enhance > 0.0 {
+        let why = "light-dome: pictures are of Lambert's law alone, which --enhance would change";
+        return Err(Failure::Usage(why.into()));
+    }
     check_folder(&args.output)?;
     let mut opened = open_model(cli, &args.file, &args.draw)?;
     let (width, height) = args.draw.size();

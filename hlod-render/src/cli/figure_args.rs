@@ -40,6 +40,9 @@ pub struct FigureArgs {
 pub struct PlateArgs {
     /// The .hlod file, or its address on a web server.
     pub file: PathBuf,
+    /// Front, left and so on are as this session says how the statue stands [default: as the file says].
+    #[arg(long, value_name = "JSON")]
+    pub session: Option<PathBuf>,
     /// The PNG or TIFF file (.tif) to write; an existing one is replaced.
     #[arg(long, short)]
     pub output: PathBuf,
@@ -69,6 +72,8 @@ pub struct PlateArgs {
     /// Shadows, as of shot.
     #[arg(long, value_enum, default_value = "none")]
     pub shadow: args::ShadowArg,
+    #[command(flatten)]
+    pub enhance: args::EnhanceArgs,
     /// Average N × N samples a pixel, for smooth edges.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub supersampling: u32,
@@ -80,6 +85,9 @@ pub struct PlateArgs {
 pub struct TurntableArgs {
     /// The .hlod file, or its address on a web server.
     pub file: PathBuf,
+    /// Front, left and so on are as this session says how the statue stands [default: as the file says].
+    #[arg(long, value_name = "JSON")]
+    pub session: Option<PathBuf>,
     /// The folder to write; there must not be any yet, or an empty one.
     #[arg(long, short)]
     pub output: PathBuf,

@@ -152,6 +152,7 @@ fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Fail
         camera,
         light,
         material: Material::default(),
+        enhance: draw.enhance.enhance(),
         background: BACKGROUND,
         representation: draw.precision.representation.representation(),
         paint: Paint::Shaded,

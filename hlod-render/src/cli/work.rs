@@ -8,6 +8,7 @@ use comfy_table::{CellAlignment, Table, presets};
 use glam::{DVec2, DVec3};
 use hlod_compress::Header;
 use hlod_render::clip::ClipPlanes;
+use hlod_render::extents::extents;
 use hlod_render::framing::Framing;
 use hlod_render::leaves::Leaves;
 use hlod_render::lens::Lens;
@@ -16,7 +17,10 @@ use hlod_render::measure::{
 };
 use hlod_render::pick::first_hit;
 use hlod_render::session::annotations::annotation_page;
-use hlod_render::session::{self, ModelIdentity, SavedView, ScannerUncertainty, Session};
+use hlod_render::session::{
+    self, Corrected, ModelIdentity, ObjectFrame, SavedView, ScaleCorrection, ScannerUncertainty,
+    Session,
+};
 use serde::Serialize;
 
 use super::args::{self, JsonArgs, Numbers};
@@ -29,7 +33,7 @@ pub struct SessionArgs {
     #[arg(long, value_name = "JSON", requires = "view")]
     pub session: Option<PathBuf>,
     /// One of its views: camera, light and looks, in place of --camera, --light and so on.
-    #[arg(long, value_name = "NAME", requires = "session", conflicts_with_all = ["camera", "light", "light_size", "shadow", "paint"])]
+    #[arg(long, value_name = "NAME", requires = "session", conflicts_with_all = ["camera", "light", "light_size", "shadow", "paint", "enhance", "enhance_radius"])]
     pub view: Option<String>,
 }
 
@@ -70,11 +74,23 @@ pub struct MeasureArgs {
     /// Who declares it.
     #[arg(long, value_name = "TEXT", default_value = "command line")]
     pub scanner_source: String,
+    /// In which frame coordinates and differences are shown: the scan's, or the statue's own, where a
+    /// session says how it stands [default: as the session has it]. JSON has both.
+    #[arg(long, value_enum, requires = "session")]
+    pub coordinates: Option<CoordinatesArg>,
     /// Write a table that other programs read.
     #[arg(long, value_name = "CSV")]
     pub csv: Option<PathBuf>,
     #[command(flatten)]
     pub json: JsonArgs,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+pub enum CoordinatesArg {
+    /// As the scan has them.
+    Source,
+    /// To the statue's right, upwards and to its front.
+    Object,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -129,8 +145,18 @@ struct MeasureReport {
     file: String,
     unit: String,
     scanner: Option<ScannerUncertainty>,
+    /// The statue's own frame, and whether the table is in it.
+    object_frame: Option<ObjectFrame>,
+    scale_correction: Option<ScaleCorrection>,
     remarks: Vec<String>,
     measurements: Vec<MeasuredLine>,
+}
+
+impl MeasureReport {
+    /// In which the table's coordinates are, where that is not the scan's frame.
+    fn shown_frame(&self) -> Option<&ObjectFrame> {
+        self.object_frame.as_ref().filter(|frame| frame.shown)
+    }
 }
 
 #[derive(Serialize)]
@@ -142,9 +168,14 @@ struct MeasuredLine {
     #[serde(flatten)]
     measured: Option<Measured>,
     failure: Option<String>,
+    /// By the session's known length, in its unit.
+    corrected: Option<Corrected>,
+    corrected_unit: Option<String>,
     /// What the session had stored.
     value_stored: Option<f64>,
     points: Vec<SurfacePoint>,
+    /// The same points in the statue's own frame.
+    object_positions: Option<Vec<[f64; 3]>>,
     /// How far points that were typed are from the surface.
     moved: Option<Vec<f64>>,
 }
@@ -165,12 +196,12 @@ pub fn load_session(
     Ok((session, remarks))
 }
 
-/// A saved view of a session, and the planes that cut the statue open there.
+/// A saved view of a session, the planes that cut the statue open there, and how it stands.
 pub fn saved_view(
     args: &SessionArgs,
     file: &Path,
     header: &Header,
-) -> Result<Option<(SavedView, ClipPlanes)>, Failure> {
+) -> Result<Option<(SavedView, ClipPlanes, Framing)>, Failure> {
     let (Some(path), Some(name)) = (&args.session, &args.view) else { return Ok(None) };
     let (session, _) = load_session(path, file, header)?;
     let view = session.view(name).cloned().ok_or_else(|| {
@@ -178,7 +209,19 @@ pub fn saved_view(
         let names = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
         Failure::Usage(format!("{}: no view “{name}”; there are: {names}", path.display()))
     })?;
-    Ok(Some((view, session.clip_planes())))
+    let framing = session_framing(&session, file, header)?;
+    Ok(Some((view, session.clip_planes(), framing)))
+}
+
+/// How a statue stands by what a session says.
+pub fn session_framing(
+    session: &Session,
+    file: &Path,
+    header: &Header,
+) -> Result<Framing, Failure> {
+    let axes = session.frame.as_ref().map(ObjectFrame::axes);
+    let reached = axes.map(|axes| extents(&Leaves::open(file)?, axes)).transpose()?;
+    Ok(session.framing(header, reached))
 }
 
 pub fn run_measure(args: &MeasureArgs) -> Outcome {
@@ -188,16 +231,20 @@ pub fn run_measure(args: &MeasureArgs) -> Outcome {
         file: args.file.display().to_string(),
         unit: header.unit.name().to_owned(),
         scanner: None,
+        object_frame: None,
+        scale_correction: None,
         remarks: Vec::new(),
         measurements: Vec::new(),
     };
     match (&args.session, args.kind) {
         (Some(path), _) => {
             let (session, remarks) = load_session(path, &args.file, header)?;
-            report.scanner = session.scanner;
-            report.remarks = remarks;
-            let again = session.measurements.iter().map(|m| measured_again(&leaves, m));
+            let again = session.measurements.iter().map(|m| measured_again(&leaves, m, &session));
             report.measurements = again.collect();
+            report.remarks = remarks;
+            report.object_frame = framed(&session, args, path)?;
+            report.scanner = session.scanner;
+            report.scale_correction = session.scale;
         }
         (None, Some(kind)) => report.measurements.push(measured_now(&leaves, kind.kind(), args)?),
         (None, None) => unreachable!("the parser lets through one or the other"),
@@ -238,9 +285,34 @@ fn declared_by_file(leaves: &Leaves, report: &mut MeasureReport) -> Outcome {
     Ok(())
 }
 
-fn measured_again(leaves: &Leaves, measurement: &Measurement) -> MeasuredLine {
+/// The statue's own frame, shown or not as it was asked for.
+fn framed(
+    session: &Session,
+    args: &MeasureArgs,
+    path: &Path,
+) -> Result<Option<ObjectFrame>, Failure> {
+    let wanted = args.coordinates.map(|wanted| wanted == CoordinatesArg::Object);
+    match (session.frame.clone(), wanted) {
+        (None, Some(true)) => Err(Failure::Usage(format!(
+            "--coordinates object: {} does not say how the statue stands; set it in the window, under “How \
+             it stands”",
+            path.display()
+        ))),
+        (frame, None) => Ok(frame),
+        (frame, Some(shown)) => Ok(frame.map(|frame| ObjectFrame { shown, ..frame })),
+    }
+}
+
+fn measured_again(leaves: &Leaves, measurement: &Measurement, session: &Session) -> MeasuredLine {
     let now = measure(leaves, measurement.kind, &measurement.points);
+    let scale = session.scale.as_ref();
+    let placed = |frame: &ObjectFrame| -> Vec<[f64; 3]> {
+        measurement.points.iter().map(|p| frame.place(p.position)).collect()
+    };
     MeasuredLine {
+        corrected: scale.zip(now.as_ref().ok()).and_then(|(s, now)| s.apply(measurement.kind, now)),
+        corrected_unit: scale.map(|scale| measurement.kind.unit(&scale.unit)),
+        object_positions: session.frame.as_ref().map(placed),
         name: measurement.name.clone(),
         kind: measurement.kind,
         unit: measurement.kind.unit(leaves.header().unit.name()),
@@ -294,6 +366,9 @@ fn measured_now(
         unit: kind.unit(leaves.header().unit.name()),
         measured: Some(measure(leaves, kind, &points)?),
         failure: None,
+        corrected: None,
+        corrected_unit: None,
+        object_positions: None,
         value_stored: None,
         points,
         moved,
@@ -313,11 +388,14 @@ fn table(report: &MeasureReport) -> String {
         "Δx, Δy, Δz",
         "a pixel was",
     ]);
+    let frame = report.shown_frame();
     for line in &report.measurements {
         let number = |value: f64| format!("{value:.4}");
         let measured = line.measured.as_ref();
         let value = match (line.kind, measured, line.points.first()) {
-            (MeasurementKind::Point, Some(_), Some(p)) => p.position.map(number).join(", "),
+            (MeasurementKind::Point, Some(_), Some(p)) => {
+                frame.map_or(p.position, |f| f.place(p.position)).map(number).join(", ")
+            }
             (_, Some(m), _) => number(m.value),
             _ => line.failure.clone().unwrap_or_default(),
         };
@@ -334,7 +412,9 @@ fn table(report: &MeasureReport) -> String {
             line.unit.clone(),
             bound,
             scanner(report, line.kind),
-            measured.and_then(|m| m.delta).map_or(String::new(), |d| d.map(number).join(", ")),
+            measured
+                .and_then(|m| m.delta)
+                .map_or(String::new(), |d| frame.map_or(d, |f| f.vector(d)).map(number).join(", ")),
             if pixel > 0.0 { number(pixel) } else { String::new() },
         ]);
     }
@@ -354,9 +434,43 @@ fn table(report: &MeasureReport) -> String {
         "unknown" => "the file's own unit, which nobody declared",
         unit => unit,
     };
+    let frame = match &report.object_frame {
+        None => String::new(),
+        Some(frame) if frame.shown => {
+            format!("\nCoordinates are the statue's own ({}): right, up, front.", frame.made)
+        }
+        Some(_) => "\nCoordinates are the scan's, not the statue's own.".to_owned(),
+    };
     format!(
-        "{} · lengths in {unit} · bounds are against the scan file, never the statue\n{table}{differing}",
-        report.file
+        "{} · lengths in {unit} · bounds are against the scan file, never the statue\n{table}{frame}{}{differing}",
+        report.file,
+        corrected_table(report)
+    )
+}
+
+/// Lengths by a known one, where somebody declared it.
+fn corrected_table(report: &MeasureReport) -> String {
+    let Some(scale) = &report.scale_correction else { return String::new() };
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_FULL_CONDENSED);
+    table.set_header(["name", "corrected", "", "± file_bound"]);
+    let number = |value: f64| format!("{value:.4}");
+    for line in &report.measurements {
+        let Some(corrected) = &line.corrected else { continue };
+        table.add_row([
+            line.name.clone(),
+            number(corrected.value),
+            line.corrected_unit.clone().unwrap_or_default(),
+            corrected.file_bound.map_or("none: along the surface".to_owned(), number),
+        ]);
+    }
+    let source = if scale.source.is_empty() { "nobody named" } else { &scale.source };
+    format!(
+        "\nBy a known length of {} {} between two points ({source}), × {:.6}; what it is off by is not in the bounds:\n\
+         {table}",
+        scale.known_length,
+        scale.unit,
+        scale.factor()
     )
 }
 
@@ -388,15 +502,21 @@ fn csv(report: &MeasureReport) -> Result<String, Failure> {
         "dz",
         "pixel_length_max",
         "points",
+        "coordinates",
+        "corrected_value",
+        "corrected_unit",
+        "corrected_file_bound",
     ];
     out.write_record(head).map_err(|e| failed(&e))?;
     for line in &report.measurements {
         let optional = |value: Option<f64>| value.map_or(String::new(), |v| v.to_string());
         let measured = line.measured.as_ref();
-        let delta = measured.and_then(|m| m.delta);
+        let frame = report.shown_frame();
+        let delta = measured.and_then(|m| m.delta).map(|d| frame.map_or(d, |f| f.vector(d)));
+        let place = |p: &SurfacePoint| frame.map_or(p.position, |f| f.place(p.position));
         let scanner = report.scanner.as_ref();
         let points: Vec<String> =
-            line.points.iter().map(|p| p.position.map(|v| v.to_string()).join(" ")).collect();
+            line.points.iter().map(|p| place(p).map(|v| v.to_string()).join(" ")).collect();
         let record = [
             line.name.clone(),
             line.kind.name().to_owned(),
@@ -411,6 +531,10 @@ fn csv(report: &MeasureReport) -> Result<String, Failure> {
             optional(delta.map(|d| d[2])),
             optional(line.points.iter().filter_map(|p| p.pixel_length).reduce(f64::max)),
             points.join("; "),
+            frame.map_or("source", |_| "object").to_owned(),
+            optional(line.corrected.map(|c| c.value)),
+            line.corrected.and(line.corrected_unit.clone()).unwrap_or_default(),
+            optional(line.corrected.and_then(|c| c.file_bound)),
         ];
         out.write_record(record).map_err(|e| failed(&e))?;
     }

@@ -27,9 +27,8 @@ pub fn orthographic(framing: &Framing, back: DVec3, up: DVec3, height: f64) -> C
 /// Width and height of the bounds as a camera sees them in parallel projection, world units.
 pub fn extent(framing: &Framing, camera: &Camera) -> DVec2 {
     let [right, up, _] = camera.axes();
-    let (low, high) = framing.bounds;
     // A box is symmetric: corners reach as far one way as the other.
-    DVec2::new((high - low).dot(right.abs()), (high - low).dot(up.abs()))
+    DVec2::new(2.0 * framing.reach(right), 2.0 * framing.reach(up))
 }
 
 /// The same camera, parallel, and so that all of the bounds is in the picture with a margin.

@@ -205,7 +205,7 @@ impl Plate {
         let base = base.unwrap_or_else(|| px(MARGIN_MM) + mark.height);
         // How far it begins above the statue's lowest point.
         let up = framing.axes[1];
-        let statue_low = framing.bounds.0.dot(up).min(framing.bounds.1.dot(up));
+        let statue_low = framing.centre.dot(up) - framing.half[1];
         let is_upright = section.frame.v.dot(up) > 0.999;
         let raised = if is_upright {
             let lowest = section.frame.to_space(low).dot(up);

@@ -85,6 +85,10 @@ impl Provenance {
         };
         self.add("light", &light);
         self.add("shadows", shot.shadow.name());
+        if shot.enhance.strength > 0.0 {
+            let (strength, radius) = (shot.enhance.strength, shot.enhance.radius_px);
+            self.add("enhance", &format!("{strength} within {radius} px"));
+        }
         self.add("representation", shot.representation.name());
         self.add("tau", &format!("{} px", number(shot.error_threshold_px)));
     }

@@ -6,7 +6,7 @@ use crate::gpu::Gpu;
 use crate::model::Model;
 use crate::passes::Window;
 use crate::picture::{Canvas, PICTURE_FORMAT};
-use crate::scene::Shot;
+use crate::scene::{Enhance, Shot};
 use crate::survey::Survey;
 
 use super::marks::Mark;
@@ -113,7 +113,7 @@ impl Sheet {
     fn part_width(&self, gpu: &Gpu, rows: u32) -> u32 {
         let n = self.supersampling.max(1);
         let samples = PART_SAMPLES / (u64::from(n) * u64::from(n) * u64::from(rows));
-        let limit = gpu.device.limits().max_texture_dimension_2d / n;
+        let limit = gpu.device.limits().max_texture_dimension_2d / n - 2 * MARGIN_MAX;
         let widest = self.views.iter().map(|v| v.width).max().unwrap_or(1);
         let width = (samples as u32).min(limit).min(widest);
         width.min(self.part_px.unwrap_or(width)).max(1)
@@ -143,11 +143,16 @@ impl Sheet {
         }
         let at_once = self.rows_at_once();
         let part = (self.part_width(gpu, at_once), at_once);
+        // What pixels depend on beyond the part that they are in is drawn as well.
+        let reach = |v: &PlacedView| v.shot.finer(n).reach_px().div_ceil(n);
+        let margin = self.views.iter().map(reach).max().unwrap_or(0);
+        let drawn_at_once = |side: u32| (side + 2 * margin) * n;
         let mut brush = Brush {
             gpu,
-            canvas: Canvas::new(gpu, part.0 * n, part.1 * n)?,
+            canvas: Canvas::new(gpu, drawn_at_once(part.0), drawn_at_once(part.1))?,
             renderer: Renderer::new(gpu, PICTURE_FORMAT),
             part,
+            margin,
             n,
             transparent: self.transparent,
         };
@@ -228,9 +233,14 @@ struct Brush<'a> {
     renderer: Renderer,
     /// Pixels in a part's row, and its rows.
     part: (u32, u32),
+    /// Pixels round it that are drawn and not kept.
+    margin: u32,
     n: u32,
     transparent: bool,
 }
+
+/// More than any picture needs: see [`Shot::reach_px`].
+const MARGIN_MAX: u32 = Enhance::RADIUS_MAX_PX as u32 + 2;
 
 impl Brush<'_> {
     /// Draws what of a view lies in some of the page's rows; in how many parts.
@@ -250,11 +260,13 @@ impl Brush<'_> {
         let shot = view.shot.finer(n);
         let mut parts = 0;
         for x in (0..view.width).step_by(self.part.0 as usize) {
+            // Where the picture begins there is nothing before it.
+            let (left, above) = (self.margin.min(x), self.margin.min(top - view.y));
             self.canvas.targets.show(Window {
                 picture_width: view.width * n,
                 picture_height: view.height * n,
-                x: x * n,
-                y: (top - view.y) * n,
+                x: (x - left) * n,
+                y: (top - view.y - above) * n,
                 is_part: true,
                 transparent: self.transparent,
             });
@@ -263,7 +275,8 @@ impl Brush<'_> {
             let picture = self.canvas.picture(self.gpu)?.reduced(n);
             let pixels = 4 * self.part.0.min(view.width - x) as usize;
             for y in top..bottom {
-                let from = 4 * (y - top) as usize * picture.width as usize;
+                let row = (y - top + above) as usize;
+                let from = 4 * (row * picture.width as usize + left as usize);
                 let to = (y - first) as usize * rows.width as usize + (view.x + x) as usize;
                 rows.rgba[4 * to..4 * to + pixels]
                     .copy_from_slice(&picture.rgba[from..from + pixels]);

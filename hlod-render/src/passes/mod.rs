@@ -3,6 +3,7 @@
 
 mod chunks;
 mod explain;
+mod relief;
 mod sets;
 mod shadow;
 mod small;
@@ -19,11 +20,12 @@ use crate::gpu::Gpu;
 use crate::scene::Shot;
 pub(crate) use explain::DrawnPart;
 use explain::Explain;
+use relief::{Relief, ReliefLayout};
 pub(crate) use sets::PassSets;
 use shadow::{DrawnRange, HardShadows, LightFace};
 use small::SmallTriangles;
 use soft::SoftShadows;
-use targets::{DEPTH_FORMAT, IDENTITY_FORMAT};
+use targets::{DEPTH_FORMAT, IDENTITY_FORMAT, relief_texture};
 pub use targets::{Rectangle, Targets, Window};
 
 /// What shaders know of a frame, once for each arena; see `Frame` in `shared.wgsl`.
@@ -57,6 +59,8 @@ pub struct FrameUniform {
     /// 1 + which kept number is painted, or 0; the code that is 0 on the map, and what it rises by from one code
     /// to the next.
     pub scalar: Vec4,
+    /// How much contrast follows the bends of the surface; within how many pixels; whether they are painted.
+    pub relief: Vec4,
     /// The part of the picture in which anything is seen: first pixel, width, height.
     pub area: [u32; 4],
     /// Width, height, number of the arena's first triangle, and of its first chunk.
@@ -150,12 +154,20 @@ pub(crate) struct Passes {
     surface_two_sided: wgpu::RenderPipeline,
     splats: wgpu::RenderPipeline,
     shade: wgpu::RenderPipeline,
+    /// Made when it is first needed.
+    relief: Option<Relief>,
     explain: Explain,
     small: Option<SmallTriangles>,
     shadow: HardShadows,
     soft: SoftShadows,
     /// Stands in for occlusion where there are no shadows.
     unoccluded: wgpu::Buffer,
+    /// Stands in for directions where relief is not looked at.
+    no_relief: wgpu::TextureView,
+    shade_layout: wgpu::PipelineLayout,
+    where_drawn: wgpu::DepthStencilState,
+    output: wgpu::TextureFormat,
+    constants: Constants,
     geometry_layout: wgpu::BindGroupLayout,
     identity_layout: wgpu::BindGroupLayout,
     uniforms: wgpu::Buffer,
@@ -205,6 +217,16 @@ impl Passes {
                     count: None,
                 },
                 storage(1, wgpu::ShaderStages::FRAGMENT),
+                wgpu::BindGroupLayoutEntry {
+                    binding: 2,
+                    visibility: wgpu::ShaderStages::FRAGMENT,
+                    ty: wgpu::BindingType::Texture {
+                        sample_type: wgpu::TextureSampleType::Float { filterable: false },
+                        view_dimension: wgpu::TextureViewDimension::D2,
+                        multisampled: false,
+                    },
+                    count: None,
+                },
             ],
         });
         let layout = |label, groups: &[Option<&wgpu::BindGroupLayout>]| {
@@ -276,7 +298,9 @@ impl Passes {
                 nearest.clone(),
             ),
             explain: Explain::new(gpu, &geometry_layout, output, where_drawn.clone()),
-            shade: pipeline(hlod_shaders::SHADE, &shade_layout, None, output, where_drawn),
+            shade: pipeline(hlod_shaders::SHADE, &shade_layout, None, output, where_drawn.clone()),
+            relief: None,
+            no_relief: relief_texture(gpu, (1, 1)),
             uniforms: buffer(gpu, "uniforms", 16 * UNIFORM_STRIDE, wgpu::BufferUsages::UNIFORM),
             indirect: buffer(gpu, "draws", 1024 * 16, wgpu::BufferUsages::INDIRECT),
             small: SmallTriangles::new(gpu, &geometry_layout, &constants),
@@ -285,6 +309,10 @@ impl Passes {
             unoccluded: buffer(gpu, "unoccluded", 4, wgpu::BufferUsages::STORAGE),
             geometry_layout,
             identity_layout,
+            shade_layout,
+            where_drawn,
+            output,
+            constants,
         }
     }
 
@@ -445,6 +473,37 @@ impl Passes {
             }
             _ => {}
         }
+        if shot.sees_relief() && self.relief.is_none() {
+            let made_with = ReliefLayout {
+                layout: &self.shade_layout,
+                depth: self.where_drawn.clone(),
+                output: self.output,
+                constants: &self.constants,
+            };
+            self.relief = Some(Relief::new(gpu, &made_with));
+        }
+        let relief = self.relief.as_ref().filter(|_| shot.sees_relief());
+        let occlusion = match drawn.shadow {
+            DrawnShadow::None => &self.unoccluded,
+            _ => targets.occlusion(gpu),
+        };
+        let seen = |directions: &wgpu::TextureView| {
+            let texture = |view| wgpu::BindingResource::TextureView(view);
+            device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("identity"),
+                layout: &self.identity_layout,
+                entries: &[
+                    wgpu::BindGroupEntry { binding: 0, resource: texture(targets.identity_view()) },
+                    entry(1, occlusion),
+                    wgpu::BindGroupEntry { binding: 2, resource: texture(directions) },
+                ],
+            })
+        };
+        let unread = seen(&self.no_relief);
+        let shaded = relief.map_or_else(|| unread.clone(), |_| seen(targets.relief(gpu)));
+        if let Some(relief) = relief {
+            relief.encode(gpu, &mut encoder, &unread, &geometry, (&depth_view, area, targets));
+        }
         let explains = explain::explains(shot.paint);
         let is_explained = explains && !drawn.parts.is_empty();
         let explained =
@@ -461,26 +520,11 @@ impl Passes {
                 }),
                 ..Default::default()
             });
-            let occlusion = match drawn.shadow {
-                DrawnShadow::None => &self.unoccluded,
-                _ => targets.occlusion(gpu),
-            };
-            let seen = device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some("identity"),
-                layout: &self.identity_layout,
-                entries: &[
-                    wgpu::BindGroupEntry {
-                        binding: 0,
-                        resource: wgpu::BindingResource::TextureView(targets.identity_view()),
-                    },
-                    entry(1, occlusion),
-                ],
-            });
             pass.set_scissor_rect(area.x, area.y, area.width, area.height);
             match &explained {
                 None => {
-                    pass.set_pipeline(&self.shade);
-                    pass.set_bind_group(1, &seen, &[]);
+                    pass.set_pipeline(relief.map_or(&self.shade, |relief| &relief.shade));
+                    pass.set_bind_group(1, &shaded, &[]);
                 }
                 Some(parts) => self.explain.begin(&mut pass, parts, shot.paint),
             }

@@ -54,6 +54,9 @@ impl Window {
     }
 }
 
+/// Directions and depths as [`Targets::relief`] has them.
+pub(super) const RELIEF_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
+
 /// Textures that a frame is drawn into.
 pub struct Targets {
     identity: wgpu::Texture,
@@ -64,6 +67,8 @@ pub struct Targets {
     identity_view: wgpu::TextureView,
     /// A number a pixel; made when shadows are first drawn.
     occlusion: std::sync::OnceLock<wgpu::Buffer>,
+    /// Made when relief is first looked at.
+    relief: std::sync::OnceLock<wgpu::TextureView>,
 }
 
 pub(super) const IDENTITY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
@@ -84,6 +89,7 @@ impl Targets {
             colour,
             window: Window::whole(width, height),
             occlusion: std::sync::OnceLock::new(),
+            relief: std::sync::OnceLock::new(),
         }
     }
 
@@ -126,8 +132,19 @@ impl Targets {
         })
     }
 
+    /// Of each pixel the direction of its surface as the eye sees it, and its depth.
+    pub(super) fn relief(&self, gpu: &Gpu) -> &wgpu::TextureView {
+        self.relief.get_or_init(|| relief_texture(gpu, (self.width(), self.height())))
+    }
+
     /// Reversed depth, f32.
     pub fn depth(&self) -> &wgpu::Texture {
         &self.depth
     }
+}
+
+/// A texture for directions and depths.
+pub(super) fn relief_texture(gpu: &Gpu, size: (u32, u32)) -> wgpu::TextureView {
+    let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING;
+    gpu.texture("relief", size, RELIEF_FORMAT, usage, &[]).create_view(&Default::default())
 }

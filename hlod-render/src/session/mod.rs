@@ -8,6 +8,7 @@
 
 pub mod annotations;
 mod history;
+mod object_frame;
 mod store;
 #[cfg(test)]
 mod tests;
@@ -20,11 +21,13 @@ use hlod_compress::{Header, Metadata, Unit};
 use serde::{Deserialize, Serialize};
 
 pub use history::History;
+pub use object_frame::{Corrected, ObjectFrame, ScaleCorrection};
 pub use store::{Saver, SessionFile, free_beside, load, place_of, save, user_folder};
 pub use view::{LightFrame, Looks, PaintName, SavedView, ShadowName, Viewpoint};
 
 use crate::clip::{ClipPlanes, PLANES_MAX};
 use crate::figure::scale::millimetres;
+use crate::framing::Framing;
 use crate::measure::{Measurement, SurfacePoint};
 use crate::section::Plane;
 
@@ -49,6 +52,12 @@ pub struct Session {
     /// How well the scanner measured, where someone declared it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scanner: Option<ScannerUncertainty>,
+    /// How the statue stands, where that is not as the file says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame: Option<ObjectFrame>,
+    /// How long its lengths are, where someone knows better than the scan.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale: Option<ScaleCorrection>,
     /// How the statue is lit and drawn.
     pub looks: Looks,
     /// Bookmarks.
@@ -186,10 +195,13 @@ impl PartialEq for Session {
         fn same<T: PartialEq>(a: &Arc<Vec<T>>, b: &Arc<Vec<T>>) -> bool {
             Arc::ptr_eq(a, b) || a == b
         }
-        let Session { version, model, scanner, looks, views, measurements, sections, notes } = self;
+        let Session { version, model, scanner, frame, scale, looks, .. } = self;
+        let Session { views, measurements, sections, notes, .. } = self;
         *version == other.version
             && *model == other.model
             && *scanner == other.scanner
+            && *frame == other.frame
+            && *scale == other.scale
             && *looks == other.looks
             && same(views, &other.views)
             && same(measurements, &other.measurements)
@@ -205,6 +217,8 @@ impl Session {
             version: VERSION,
             model: ModelIdentity::new(file, header),
             scanner: None,
+            frame: None,
+            scale: None,
             looks: Looks::default(),
             views: Arc::default(),
             measurements: Arc::default(),
@@ -234,6 +248,12 @@ impl Session {
             && !(u.expanded >= 0.0 && u.expanded.is_finite() && u.k > 0.0 && u.k.is_finite())
         {
             return Err("scanner: `expanded` must not be negative, and `k` positive".into());
+        }
+        if let Some(frame) = &self.frame {
+            frame.validate().map_err(|why| format!("frame: {why}"))?;
+        }
+        if let Some(scale) = &self.scale {
+            scale.validate().map_err(|why| format!("scale: {why}"))?;
         }
         if self.sections.len() > SECTIONS_MAX {
             let count = self.sections.len();
@@ -265,6 +285,19 @@ impl Session {
     /// The planes that cut the statue open.
     pub fn clip_planes(&self) -> ClipPlanes {
         ClipPlanes::new(self.sections.iter().map(|s| s.opens.then(|| s.plane())))
+    }
+
+    /// Where the statue stands: as the session says, else as the file does. `extents` are how far it reaches along its
+    /// own axes, where that is known.
+    pub fn framing(&self, header: &Header, extents: Option<[[f64; 2]; 3]>) -> Framing {
+        let of_file = Framing::of_header(header);
+        let turned = self.frame.as_ref().map(|frame| of_file.turned(frame.axes(), extents));
+        turned.unwrap_or(of_file)
+    }
+
+    /// The frame in which coordinates are shown, where that is not the scan's.
+    pub fn shown_frame(&self) -> Option<&ObjectFrame> {
+        self.frame.as_ref().filter(|frame| frame.shown)
     }
 
     /// A view by its name.

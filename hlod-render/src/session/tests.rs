@@ -23,6 +23,8 @@ fn untouched() -> Session {
             sources: vec![source("a.ply", "00ff")],
         },
         scanner: None,
+        frame: None,
+        scale: None,
         looks: Looks::default(),
         views: Arc::default(),
         measurements: Arc::default(),
@@ -51,7 +53,14 @@ fn worked_on() -> Session {
         fov_y_deg: Some(35.0),
         parallel_height: None,
     };
-    let looks = Looks { light_azimuth_deg: -80.25, ..Looks::default() };
+    session.frame = Some(ObjectFrame::of_axes(DVec3::Z, -DVec3::Y).unwrap());
+    session.scale = Some(ScaleCorrection {
+        points: [point(0.0), point(1.5)],
+        known_length: 1.6,
+        unit: "cm".into(),
+        source: "calliper".into(),
+    });
+    let looks = Looks { light_azimuth_deg: -80.25, enhance: 0.25, ..Looks::default() };
     session.views = Arc::new(vec![SavedView { name: "the “hand”\n".into(), viewpoint, looks }]);
     session.measurements = Arc::new(vec![Measurement {
         name: "groove".into(),

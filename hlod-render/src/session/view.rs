@@ -5,7 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera::{Camera, Projection};
 use crate::framing::Framing;
-use crate::scene::{BACKGROUND, Light, Material, Paint, Shadow, Shot, direction_from_angles};
+use crate::scene::{
+    BACKGROUND, Enhance, Light, Material, Paint, Shadow, Shot, direction_from_angles,
+};
 
 /// Light and looks.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -30,6 +32,24 @@ pub struct Looks {
     pub highlight: f32,
     /// Linear light of the background.
     pub background: [f32; 3],
+    /// Contrast that follows the relief of the surface, 0 to 1.
+    #[serde(default, skip_serializing_if = "is_nothing")]
+    pub enhance: f32,
+    /// Within how many pixels, 1 to 32.
+    #[serde(default = "usual_radius", skip_serializing_if = "is_usual_radius")]
+    pub enhance_radius_px: f32,
+}
+
+fn is_nothing(strength: &f32) -> bool {
+    *strength == 0.0
+}
+
+fn usual_radius() -> f32 {
+    Enhance::default().radius_px
+}
+
+fn is_usual_radius(radius_px: &f32) -> bool {
+    *radius_px == usual_radius()
 }
 
 /// What the angles of a light are relative to.
@@ -66,6 +86,7 @@ pub enum PaintName {
     Bound,
     Kinds,
     Edges,
+    Curvature,
     /// The first of the numbers that the file keeps.
     #[serde(rename = "value-1")]
     Value1,
@@ -120,11 +141,18 @@ impl Default for Looks {
             ambient: material.ambient,
             highlight: material.highlight,
             background: BACKGROUND.to_array(),
+            enhance: 0.0,
+            enhance_radius_px: usual_radius(),
         }
     }
 }
 
 impl Looks {
+    /// Contrast that follows relief.
+    pub fn enhancement(&self) -> Enhance {
+        Enhance { strength: self.enhance, radius_px: self.enhance_radius_px }
+    }
+
     /// A picture with its camera as it is, in this light and with these looks.
     pub fn apply(&self, shot: Shot, framing: &Framing) -> Shot {
         let material =
@@ -136,6 +164,7 @@ impl Looks {
             paint: self.paint.into(),
             background: Vec3::from_array(self.background),
             material,
+            enhance: self.enhancement(),
             ..shot
         }
     }
@@ -148,10 +177,11 @@ impl Looks {
     }
 
     pub(super) fn validate(&self) -> Result<(), String> {
-        let shares = [self.ambient, self.highlight];
+        let shares = [self.ambient, self.highlight, self.enhance];
         let known =
             [self.light_azimuth_deg, self.light_elevation_deg].iter().all(|v| v.is_finite())
                 && (0.0..=180.0).contains(&self.light_size_deg)
+                && (1.0..=Enhance::RADIUS_MAX_PX).contains(&self.enhance_radius_px)
                 && shares.iter().chain(&self.background).all(|v| (0.0..=1.0).contains(v));
         if known { Ok(()) } else { Err("a value is not a number or out of its range".into()) }
     }
@@ -249,6 +279,7 @@ impl From<Paint> for PaintName {
             Paint::Bound => PaintName::Bound,
             Paint::Kinds => PaintName::Kinds,
             Paint::Edges => PaintName::Edges,
+            Paint::Curvature => PaintName::Curvature,
             Paint::Scalar(0) => PaintName::Value1,
             Paint::Scalar(1) => PaintName::Value2,
             Paint::Scalar(2) => PaintName::Value3,
@@ -267,6 +298,7 @@ impl From<PaintName> for Paint {
             PaintName::Bound => Paint::Bound,
             PaintName::Kinds => Paint::Kinds,
             PaintName::Edges => Paint::Edges,
+            PaintName::Curvature => Paint::Curvature,
             PaintName::Value1 => Paint::Scalar(0),
             PaintName::Value2 => Paint::Scalar(1),
             PaintName::Value3 => Paint::Scalar(2),

@@ -2,7 +2,7 @@
 
 use egui::{Color32, FontId, Ui, pos2, vec2};
 
-use crate::colour_map::{NO_VALUE, viridis};
+use crate::colour_map::NO_VALUE;
 use crate::scene::{Paint, Painted};
 
 const WIDTH: f32 = 200.0;
@@ -24,9 +24,16 @@ pub fn choose(ui: &mut Ui, paint: &mut Paint, scalars: &[Painted]) {
 }
 
 /// The legend at the lower right of the statue's picture.
-pub fn draw(ui: &Ui, rect: egui::Rect, paint: Paint, scalars: &[Painted], bound: &Painted) {
+pub fn draw(
+    ui: &Ui,
+    rect: egui::Rect,
+    paint: Paint,
+    scalars: &[Painted],
+    [bound, curvature]: [&Painted; 2],
+) {
     let painted = match paint {
         Paint::Bound => Some(bound),
+        Paint::Curvature => Some(curvature),
         Paint::Scalar(k) => scalars.get(usize::from(k)),
         _ => None,
     };
@@ -45,7 +52,7 @@ pub fn draw(ui: &Ui, rect: egui::Rect, paint: Paint, scalars: &[Painted], bound:
     painter.rect_filled(behind, 2.0, Color32::from_black_alpha(170));
     let bar = at + vec2(0.0, line + 3.0);
     for i in 0..STEPS {
-        let [r, g, b] = viridis((i as f32 + 0.5) / STEPS as f32);
+        let [r, g, b] = painted.map.colour((i as f32 + 0.5) / STEPS as f32);
         let step = WIDTH / STEPS as f32;
         let from = bar + vec2(step * i as f32, 0.0);
         let rect = egui::Rect::from_min_size(from, vec2(step + 0.5, HEIGHT));
@@ -56,7 +63,7 @@ pub fn draw(ui: &Ui, rect: egui::Rect, paint: Paint, scalars: &[Painted], bound:
     let high_at = pos2(at.x + WIDTH - high.size().x, below);
     let [r, g, b] = NO_VALUE;
     let square = pos2(at.x + low_width + 14.0, below + 3.0);
-    if square.x + 16.0 + none.size().x < high_at.x {
+    if !painted.grey.is_empty() && square.x + 16.0 + none.size().x < high_at.x {
         let square = egui::Rect::from_min_size(square, vec2(9.0, 9.0));
         painter.rect_filled(square, 0.0, Color32::from_rgb(r, g, b));
         painter.galley(pos2(square.right() + 4.0, below), none, Color32::LIGHT_GRAY);

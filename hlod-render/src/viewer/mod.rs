@@ -20,6 +20,7 @@
 
 mod about;
 mod bindings;
+mod compass;
 mod depth;
 mod entry;
 mod gui;

@@ -3,6 +3,7 @@
 use egui::{Align2, Color32, FontId, Grid, RichText, Slider, Ui};
 
 use super::bindings::{Action, HELP};
+use super::compass;
 use super::legend;
 use super::light::{Lamp, PRESETS, RAKING_DEG};
 use super::mapping::Mapping;
@@ -11,7 +12,7 @@ use super::settings::Settings;
 use super::work::{Work, desk, desk::Wishes, overlay::Overlay};
 use crate::frame::FrameStats;
 use crate::framing::NAMED_VIEWS;
-use crate::scene::{Material, Paint, Painted, Representation, Shadow};
+use crate::scene::{Enhance, Material, Paint, Painted, Representation, Shadow};
 use crate::session::LightFrame;
 
 /// Width of the panel in points.
@@ -107,7 +108,10 @@ pub fn show(
         swipe_line(ui, rect, name, *swipe as f32);
     }
     status_line(ui, rect, readings);
-    legend::draw(ui, rect, settings.paint, &readings.scalars, &readings.bound);
+    let curvature = Painted::curvature(settings.enhance.radius_px);
+    legend::draw(ui, rect, settings.paint, &readings.scalars, [&readings.bound, &curvature]);
+    let axes = overlay.work.framing().axes;
+    compass::show(ui, rect, axes, &overlay.lens.camera, &mut wishes.actions);
     corner_buttons(ui, rect, settings, &mut wishes.actions);
     if settings.help_open {
         help(ui, preferences.mapping, &mut wishes.actions);
@@ -135,6 +139,7 @@ fn contents(
     super::about::show(ui, work.metadata());
     section(ui, "View", |ui| views(ui, readings, &mut wishes.actions));
     section(ui, "Saved views", |ui| desk::views(ui, work, wishes));
+    section(ui, "How it stands", |ui| desk::standing(ui, work, wishes));
     section(ui, "Precision", |ui| precision(ui, settings, readings));
     section(ui, "Light", |ui| light(ui, settings, readings, wishes));
     section(ui, "Looks", |ui| looks(ui, settings, readings));
@@ -292,6 +297,7 @@ fn explained(paint: Paint) -> &'static str {
         Paint::Bound => "how far what is drawn may be from the scan, as proven",
         Paint::Kinds => "the scan itself grey, coarser triangles blue, points orange",
         Paint::Edges => "every triangle's edges; with --tau 0 or near by those of the scan",
+        Paint::Curvature => "how the surface bends: hollows blue, bulges orange",
         Paint::Scalar(_) => "a number that was kept with the scan",
     }
 }
@@ -304,6 +310,19 @@ fn looks(ui: &mut Ui, settings: &mut Settings, readings: &Readings) {
         }
     });
     legend::choose(ui, &mut settings.paint, &readings.scalars);
+    let is_shaded = settings.paint == Paint::Shaded;
+    let bends = is_shaded || settings.paint == Paint::Curvature;
+    let Enhance { strength, radius_px } = &mut settings.enhance;
+    let enhance = Slider::new(strength, 0.0..=1.0).max_decimals(2).text("relief");
+    ui.add_enabled(is_shaded, enhance)
+        .on_hover_text("bulges brighter and hollows darker, so that worn inscriptions can be read");
+    let radius = Slider::new(radius_px, 1.0..=Enhance::RADIUS_MAX_PX)
+        .logarithmic(true)
+        .max_decimals(1)
+        .suffix(" px")
+        .clamping(egui::SliderClamping::Edits);
+    ui.add_enabled(bends && (!is_shaded || *strength > 0.0), radius.text("its size"))
+        .on_hover_text("relief is looked for within so many pixels: half a stroke's width");
     let Material { ambient, highlight, .. } = &mut settings.material;
     ui.add(Slider::new(ambient, 0.0..=0.6).max_decimals(2).text("ambient"));
     ui.add(Slider::new(highlight, 0.0..=0.5).max_decimals(2).text("highlight"));

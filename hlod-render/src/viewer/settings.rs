@@ -6,7 +6,7 @@ use super::light::{Lamp, LightAngles, Raking, UPPER_LEFT};
 use super::pace::FRAME_TARGET_MS;
 use crate::camera::Camera;
 use crate::framing::Framing;
-use crate::scene::{BACKGROUND, Material, Paint, Representation, Shadow, Shot};
+use crate::scene::{BACKGROUND, Enhance, Material, Paint, Representation, Shadow, Shot};
 use crate::session::Looks;
 
 /// Looks and precision.
@@ -30,6 +30,8 @@ pub struct Settings {
     pub light_size_deg: f64,
     /// How surfaces look.
     pub material: Material,
+    /// Contrast that follows relief.
+    pub enhance: Enhance,
     /// Linear light of the background.
     pub background: [f32; 3],
     /// Whether the panel is shown.
@@ -54,6 +56,7 @@ impl Default for Settings {
             shadow: Shadow::None,
             light_size_deg: 3.0,
             material: Material::default(),
+            enhance: Enhance::default(),
             background: BACKGROUND.to_array(),
             panel_open: true,
             swipe: 0.5,
@@ -76,6 +79,8 @@ impl Settings {
             ambient: self.material.ambient,
             highlight: self.material.highlight,
             background: self.background,
+            enhance: self.enhance.strength,
+            enhance_radius_px: self.enhance.radius_px,
         }
     }
 
@@ -90,6 +95,7 @@ impl Settings {
         self.material.ambient = looks.ambient;
         self.material.highlight = looks.highlight;
         self.background = looks.background;
+        self.enhance = looks.enhancement();
     }
 
     /// The picture that `camera` takes of a statue, with τ multiplied by `tau_factor`.
@@ -98,6 +104,7 @@ impl Settings {
             camera,
             light: self.light.light(&camera, framing),
             material: self.material,
+            enhance: self.enhance,
             background: Vec3::from_array(self.background),
             representation: self.representation,
             paint: self.paint,

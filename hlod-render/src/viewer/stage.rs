@@ -74,6 +74,8 @@ pub struct Stage {
     stats: FrameStats,
     problems: Vec<String>,
     advanced: Option<Instant>,
+    /// Whether the session's axes were taken over once, so that others are news.
+    follows_framing: bool,
 }
 
 impl Stage {
@@ -107,6 +109,7 @@ impl Stage {
             stats: FrameStats::default(),
             problems: Vec::new(),
             advanced: None,
+            follows_framing: false,
         }
     }
 
@@ -119,6 +122,7 @@ impl Stage {
     /// Lets time pass until `now`.
     pub fn advance(&mut self, now: Instant) {
         self.work.advance(now);
+        self.follow_framing(now);
         if let Some(hit) = self.work.take_rake() {
             self.settings.raking = Some(Raking::new(hit.normal, &self.navigation.camera()));
             self.aim_raking(now);
@@ -137,7 +141,7 @@ impl Stage {
         }
         let (eye, target) = self.navigation.viewpoint();
         if let Some(recording) = &mut self.recording {
-            recording.sample(now, self.navigation.framing(), eye, target);
+            recording.sample(now, &Framing::of(&self.models[0]), eye, target);
         }
     }
 
@@ -185,6 +189,24 @@ impl Stage {
             self.depth.copy(gpu, &scene.targets, lens);
         }
         Ok(drew)
+    }
+
+    /// The statue stands as the session says.
+    fn follow_framing(&mut self, now: Instant) {
+        let framing = self.work.framing();
+        let is_first = !std::mem::replace(&mut self.follows_framing, true);
+        if framing == *self.navigation.framing() {
+            return;
+        }
+        let has_turned = framing.axes != self.navigation.framing().axes;
+        self.navigation.set_framing(framing);
+        match (has_turned, is_first) {
+            (true, true) => self.navigation.home(),
+            // What someone says of its axes is seen best from its front.
+            (true, false) => self.navigation.named_view(0),
+            (false, _) => {}
+        }
+        self.motion.note(now);
     }
 
     /// A frame has been finished that drew the statue.
@@ -473,7 +495,8 @@ impl Stage {
 
     fn toggle_recording(&mut self, now: Instant) {
         let (eye, target) = self.navigation.viewpoint();
-        let framing: Framing = *self.navigation.framing();
+        // Paths are played again by programs that know the file and no session.
+        let framing = Framing::of(&self.models[0]);
         let Some(recording) = self.recording.take() else {
             self.recording = Some(Recording::begin(now, &framing, eye, target));
             self.recorded = None;

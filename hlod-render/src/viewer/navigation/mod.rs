@@ -12,7 +12,6 @@ mod tests;
 use glam::{DVec2, DVec3};
 
 pub use pose::Pose;
-use pose::corners;
 
 use crate::camera::{Camera, Projection};
 use crate::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
@@ -249,6 +248,25 @@ impl Navigation {
         self.go(to, false);
     }
 
+    /// The statue stands otherwise than before, or is known to be of another size. The eye stays where it is; what is
+    /// upright now is what the statue says.
+    pub fn set_framing(&mut self, framing: Framing) {
+        let (eye, target) = self.viewpoint();
+        let has_turned = framing.axes != self.framing.axes;
+        self.framing = framing;
+        let aspect = self.size.x / self.size.y;
+        let (_, direction) = NAMED_VIEWS[6];
+        let first = framing.fitting(direction, aspect, self.fov_y.to_degrees());
+        self.home = Pose::from_camera(&first, &framing);
+        if has_turned {
+            let camera = framing.camera(eye, target, self.fov_y.to_degrees());
+            self.pose = Pose::from_camera(&camera, &framing);
+            self.transition = None;
+            self.gesture = None;
+        }
+        self.keep_fitting();
+    }
+
     /// Stands where a session's viewpoint says, upright.
     pub fn go_to(&mut self, viewpoint: &Viewpoint) {
         let camera = viewpoint.camera(&self.framing);
@@ -360,7 +378,7 @@ impl Navigation {
     fn fitted(&self, pose: Pose) -> Pose {
         let [right, up, back] = pose.axes(&self.framing);
         let tangent = (self.fov_y / 2.0).tan();
-        let distances = corners(self.framing.bounds).map(|corner| {
+        let distances = self.framing.corners.map(|corner| {
             let offset = corner - self.framing.centre;
             let across = offset.dot(right).abs() * self.size.y / self.size.x;
             // What is nearer looks larger, except by parallel rays.

@@ -95,11 +95,3 @@ impl Pose {
 fn wrapped(angle: f64) -> f64 {
     (angle + PI).rem_euclid(TAU) - PI
 }
-
-/// Corners of a box.
-pub fn corners((min, max): (DVec3, DVec3)) -> [DVec3; 8] {
-    std::array::from_fn(|i| {
-        let pick = |axis: usize| if i >> axis & 1 == 1 { max[axis] } else { min[axis] };
-        DVec3::new(pick(0), pick(1), pick(2))
-    })
-}

@@ -43,7 +43,7 @@ fn assert_upright(n: &Navigation) {
 
 fn assert_all_seen(n: &Navigation) {
     let mut widest: f64 = 0.0;
-    for corner in corners(n.framing().bounds) {
+    for corner in n.framing().corners {
         let p = n.lens().pixel_of(corner).unwrap() / SIZE * 2.0 - 1.0;
         widest = widest.max(p.x.abs()).max(p.y.abs());
     }

@@ -7,6 +7,7 @@ use glam::DVec3;
 
 use crate::clip::ClipPlanes;
 use crate::error::RenderError;
+use crate::extents::extents;
 use crate::leaves::Leaves;
 use crate::measure::{Measured, MeasurementKind, SurfacePoint, measure};
 use crate::pick::{Hit, first_hit};
@@ -40,6 +41,8 @@ pub enum Question {
         /// The plane.
         plane: Plane,
     },
+    /// How far the statue reaches along these directions.
+    Extents([DVec3; 3]),
 }
 
 /// What came of it.
@@ -66,6 +69,8 @@ pub enum Answer {
         /// The lines.
         section: Result<Box<Section>, RenderError>,
     },
+    /// Of [`Question::Extents`]: the least and the most along each.
+    Reached([DVec3; 3], Result<[[f64; 2]; 3], RenderError>),
 }
 
 /// The thread, seen from the window.
@@ -164,5 +169,6 @@ fn respond(
             let section = leaves.and_then(|l| cut(l, &plane, None)).map(Box::new);
             Answer::Cut { number, plane, section }
         }
+        Question::Extents(axes) => Answer::Reached(axes, leaves.and_then(|l| extents(l, axes))),
     })
 }

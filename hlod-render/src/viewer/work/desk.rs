@@ -10,7 +10,7 @@ use super::tool::Task;
 use super::{Change, Work};
 use crate::clip::PLANE_COLOURS;
 use crate::section::{Measures, Plane};
-use crate::session::{LightFrame, Note, SECTIONS_MAX, ScannerUncertainty, Session};
+use crate::session::{LightFrame, Note, ObjectFrame, SECTIONS_MAX, ScannerUncertainty, Session};
 use crate::viewer::bindings::Action;
 
 /// Height of a list before it scrolls, in points.
@@ -116,10 +116,11 @@ pub fn measurements(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
             });
         }
         let measurement = &measurements[i];
-        let text = RichText::new(caption(measurement, &work.unit)).monospace().size(SMALL);
-        let mut hover = measurement.name.clone();
+        let text = RichText::new(caption(measurement, work)).monospace().size(SMALL);
+        let mut hover = format!("{}\n{}", measurement.name, caption(measurement, work));
         if let Some(delta) = measurement.result.and_then(|r| r.delta) {
-            hover += &format!("\nΔ {:.4}, {:.4}, {:.4}", delta[0], delta[1], delta[2]);
+            let [x, y, z] = work.session().shown_frame().map_or(delta, |f| f.vector(delta));
+            hover += &format!("\nΔ {x:.4}, {y:.4}, {z:.4}{}", work.frame_name());
         }
         if let Some(pixel) =
             measurement.points.iter().filter_map(|p| p.pixel_length).reduce(f64::max)
@@ -136,6 +137,113 @@ pub fn measurements(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
     let title = RichText::new(scanner).size(SMALL);
     let open = egui::CollapsingHeader::new(title).id_salt("scanner").default_open(false);
     open.show(ui, |ui| declared(ui, work, wishes)).header_response.on_hover_text(hover);
+}
+
+/// How the statue stands, and how long its lengths are.
+pub fn standing(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
+    let frame = work.session().frame.as_ref();
+    let made = frame.map_or_else(|| work.file_axes(), |frame| frame.made.clone());
+    ui.label(RichText::new(made).size(SMALL));
+    tools(ui, work, wishes, |task| matches!(task, Task::Stand(_)));
+    let [_, up, front] = work.framing().axes;
+    for (name, now, is_up) in [("up", up, true), ("front", front, false)] {
+        ui.horizontal(|ui| {
+            ui.spacing_mut().item_spacing.x = 3.0;
+            ui.label(name);
+            for (axis_name, axis) in AXES {
+                let is_it = now.dot(axis) > 1.0 - 1e-9;
+                let button = ui.selectable_label(is_it, axis_name);
+                let hover = format!(
+                    "the scan's {axis_name} axis points {}",
+                    if is_up { "up" } else { "to the front" }
+                );
+                if button.on_hover_text(hover).clicked() {
+                    let wanted = match is_up {
+                        true => ObjectFrame::of_axes(axis, clear_of(axis, [front, up])),
+                        false => ObjectFrame::of_axes(clear_of(axis, [up, front]), axis),
+                    };
+                    if let Ok(frame) = wanted {
+                        wishes.change("statue's axes", move |s| s.frame = Some(frame));
+                    }
+                }
+            }
+        });
+    }
+    if let Some(frame) = frame {
+        ui.horizontal_wrapped(|ui| {
+            let mut shown = frame.shown;
+            let hover =
+                "from the origin of these axes: x right, y up, z front; files keep the scan's";
+            if ui.checkbox(&mut shown, "its own coordinates").on_hover_text(hover).changed() {
+                wishes.change("coordinates", move |s| {
+                    if let Some(frame) = &mut s.frame {
+                        frame.shown = shown;
+                    }
+                });
+            }
+            if ui.small_button("as the file says").clicked() {
+                wishes.change("statue's axes", |s| s.frame = None);
+            }
+        });
+    }
+    scale(ui, work, wishes);
+}
+
+/// The scan's axes, both ways.
+const AXES: [(&str, DVec3); 6] = [
+    ("x", DVec3::X),
+    ("−x", DVec3::NEG_X),
+    ("y", DVec3::Y),
+    ("−y", DVec3::NEG_Y),
+    ("z", DVec3::Z),
+    ("−z", DVec3::NEG_Z),
+];
+
+/// The first direction that is not along an axis.
+fn clear_of(axis: DVec3, wanted: [DVec3; 2]) -> DVec3 {
+    let clear = wanted.into_iter().find(|d| d.dot(axis).abs() < 0.9);
+    clear.unwrap_or_else(|| axis.any_orthonormal_vector())
+}
+
+/// A length that is known, and what follows from it.
+fn scale(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
+    tools(ui, work, wishes, |task| task == Task::Scale);
+    let Some(before) = &work.session().scale else { return };
+    let mut scale = before.clone();
+    ui.horizontal_wrapped(|ui| {
+        let speed = scale.known_length / 1000.0;
+        ui.add(
+            DragValue::new(&mut scale.known_length).speed(speed).range(1e-6..=1e9).max_decimals(4),
+        )
+        .on_hover_text(format!(
+            "the scan has {:.4} {}",
+            scale.measured_length(),
+            work.unit
+        ));
+        egui::ComboBox::from_id_salt("unit of the known length")
+            .selected_text(scale.unit.clone())
+            .width(40.0)
+            .show_ui(ui, |ui| {
+                for unit in ["um", "mm", "cm", "m", "in"] {
+                    ui.selectable_value(&mut scale.unit, unit.to_owned(), unit);
+                }
+            });
+        ui.label(RichText::new(format!("× {:.6}", scale.factor())).size(SMALL))
+            .on_hover_text("what lengths of the scan are multiplied by: results show both");
+        if remove(ui) {
+            wishes.change("take known length back", |s| s.scale = None);
+        }
+    });
+    let field = TextEdit::singleline(&mut scale.source);
+    ui.add(field.hint_text("who measured it, and how").desired_width(190.0));
+    if scale != *before {
+        wishes.adjust("known length", move |s| {
+            // Taken back in the same frame it stays so.
+            if s.scale.is_some() {
+                s.scale = Some(scale);
+            }
+        });
+    }
 }
 
 /// Declares the scanner's uncertainty, or takes that back.
@@ -303,7 +411,12 @@ fn tools(ui: &mut Ui, work: &Work, wishes: &mut Wishes, wanted: impl Fn(Task) ->
     let in_hand = work.tool.as_ref().map(|tool| tool.task);
     ui.horizontal_wrapped(|ui| {
         for task in Task::ALL.into_iter().filter(|task| wanted(*task)) {
-            if ui.selectable_label(in_hand == Some(task), task.name()).clicked() {
+            let label = ui.selectable_label(in_hand == Some(task), task.name());
+            let label = match task.explained() {
+                "" => label,
+                words => label.on_hover_text(words),
+            };
+            if label.clicked() {
                 wishes.actions.push(Action::Tool(task));
             }
         }

@@ -21,7 +21,7 @@ use glam::{DVec2, DVec3};
 use hlod_compress::{Header, Metadata};
 
 use self::clerk::{Answer, Clerk, Question};
-use self::tool::{Task, Tool};
+use self::tool::{Standing, Task, Tool};
 use crate::error::RenderError;
 use crate::figure::scale::size_in_words;
 use crate::files::write_whole;
@@ -32,8 +32,9 @@ use crate::model::Model;
 use crate::pick::Hit;
 use crate::section::{Measures, Plane, Section, Sheet};
 use crate::session::{
-    History, ModelIdentity, Note, NoteShape, SECTIONS_MAX, SavedView, Saver, ScannerUncertainty,
-    SectionPlane, Session, SessionFile, Viewpoint, free_beside, load, place_of,
+    History, ModelIdentity, Note, NoteShape, ObjectFrame, SECTIONS_MAX, SavedView, Saver,
+    ScaleCorrection, ScannerUncertainty, SectionPlane, Session, SessionFile, Viewpoint,
+    free_beside, load, place_of,
 };
 
 /// A step that changes the session, as the panel asks for it.
@@ -67,6 +68,10 @@ pub struct Work {
     rake: Option<Hit>,
     /// Where drawings were written.
     saved: Option<String>,
+    /// How far the statue reaches along axes that someone gave it, once that was read.
+    reached: Option<([DVec3; 3], [[f64; 2]; 3])>,
+    /// Axes that this was asked about.
+    asked_reach: Option<[DVec3; 3]>,
     /// The tool is to end when these have come.
     finish_wanted: bool,
     file: PathBuf,
@@ -132,6 +137,8 @@ impl Work {
             picks: VecDeque::new(),
             rake: None,
             saved: None,
+            reached: None,
+            asked_reach: None,
             finish_wanted: false,
             file: file.to_owned(),
             header: header.clone(),
@@ -141,8 +148,40 @@ impl Work {
             unit: header.unit.name().to_owned(),
             problems,
         };
-        work.cut_again();
+        work.catch_up();
         work
+    }
+
+    /// Where the statue stands, and how large it is.
+    pub fn framing(&self) -> Framing {
+        let axes = self.session().frame.as_ref().map(ObjectFrame::axes);
+        let known = self.reached.filter(|(of, _)| axes == Some(*of));
+        self.session().framing(&self.header, known.map(|(_, extents)| extents))
+    }
+
+    /// What the file says of up and front.
+    fn file_axes(&self) -> String {
+        let Header { up, front, .. } = &self.header;
+        format!("up {up}, front {front}, as the file says")
+    }
+
+    /// Which frame coordinates are shown in, where there is more than one: words to follow them.
+    fn frame_name(&self) -> &'static str {
+        match &self.session().frame {
+            None => "",
+            Some(frame) if frame.shown => ", statue's frame",
+            Some(_) => ", scan's frame",
+        }
+    }
+
+    /// Asks for what the session needs from the leaves and does not have.
+    fn catch_up(&mut self) {
+        self.cut_again();
+        let axes = self.session().frame.as_ref().map(ObjectFrame::axes);
+        if let Some(axes) = axes.filter(|axes| self.asked_reach != Some(*axes)) {
+            self.asked_reach = Some(axes);
+            self.clerk.ask(Question::Extents(axes));
+        }
     }
 
     /// What is known of the scan besides its shape.
@@ -218,13 +257,13 @@ impl Work {
         } else {
             self.history.edit(change.what, change.edit);
         }
-        self.cut_again();
+        self.catch_up();
     }
 
     /// Takes the last step back, or does it again. Returns whether there was one.
     pub fn step(&mut self, forward: bool) -> bool {
         let stepped = if forward { self.history.redo() } else { self.history.undo() };
-        self.cut_again();
+        self.catch_up();
         stepped
     }
 
@@ -251,6 +290,8 @@ impl Work {
                     self.measured(kind, points, result);
                 }
                 Answer::Cut { number, plane, section } => self.cut(number, plane, section),
+                Answer::Reached(axes, Ok(extents)) => self.reached = Some((axes, extents)),
+                Answer::Reached(_, Err(error)) => self.problems.push(error.to_string()),
             }
         }
         if let Some(saver) = &mut self.saver
@@ -281,7 +322,7 @@ impl Work {
 
     /// How large the statue is, to the right, upwards and to the front.
     fn size_text(&self) -> String {
-        size_in_words(Framing::of_header(&self.header).size(), self.header.unit)
+        size_in_words(self.framing().size(), self.header.unit)
     }
 
     fn session_path(&self) -> Option<PathBuf> {
@@ -330,6 +371,35 @@ impl Work {
                     Err(error) => self.problems.push(error.to_string()),
                 }
             }
+            Task::Stand(standing) => match self.stood(standing, &points) {
+                Ok(frame) => {
+                    self.history.edit("statue's axes", |session| session.frame = Some(frame));
+                    self.tool = None;
+                    self.catch_up();
+                }
+                Err(why) => self.problems.push(format!("{}: {why}", task.name())),
+            },
+            Task::Scale => {
+                let declared = ScaleCorrection::new([points[0], points[1]], self.header.unit);
+                match declared {
+                    Ok(scale) => {
+                        self.history.edit("known length", |session| session.scale = Some(scale));
+                        self.tool = None;
+                    }
+                    Err(why) => self.problems.push(format!("{}: {why}", task.name())),
+                }
+            }
+        }
+    }
+
+    /// How the statue stands, by points that were picked.
+    fn stood(&self, standing: Standing, points: &[SurfacePoint]) -> Result<ObjectFrame, String> {
+        let places: Vec<DVec3> = points.iter().map(SurfacePoint::place).collect();
+        let before = self.framing();
+        match standing {
+            Standing::Points => ObjectFrame::through([places[0], places[1], places[2]]),
+            Standing::Ground => ObjectFrame::standing_on(&places, before.centre, before.axes),
+            Standing::Face => ObjectFrame::facing(points, before.axes),
         }
     }
 

@@ -67,7 +67,7 @@ impl Overlay<'_> {
                 (MeasurementKind::Angle, [_, vertex, _]) => vertex.place(),
                 (_, points) => centre(points),
             };
-            canvas.label(at, &caption(measurement, &work.unit), MEASURED);
+            canvas.label(at, &caption(measurement, work), MEASURED);
         }
         if let Some(tool) = &work.tool {
             canvas.marks(&tool.points, PICKED, tool.task.is_closed() && tool.points.len() > 2);
@@ -78,20 +78,32 @@ impl Overlay<'_> {
 }
 
 /// What a measurement says on the picture.
-pub fn caption(measurement: &Measurement, unit: &str) -> String {
+pub fn caption(measurement: &Measurement, work: &Work) -> String {
     let Some(result) = measurement.result else { return measurement.name.clone() };
     let bound = result.file_bound.map_or(String::new(), |b| format!(" ± {b:.3}"));
-    let of = measurement.kind.unit(unit);
+    let of = measurement.kind.unit(&work.unit);
+    let session = work.session();
+    let scale = session.scale.as_ref();
+    let corrected = scale.and_then(|scale| {
+        let corrected = scale.apply(measurement.kind, &result)?;
+        let bound = corrected.file_bound.map_or(String::new(), |b| format!(" ± {b:.3}"));
+        let of = measurement.kind.unit(&scale.unit);
+        Some(format!("; corrected {:.3} {of}{bound}", corrected.value))
+    });
+    let corrected = corrected.unwrap_or_default();
     match measurement.kind {
         MeasurementKind::Point => {
-            let p = measurement.points.first().map_or([0.0; 3], |p| p.position);
-            format!("{:.3}, {:.3}, {:.3} {of}{bound}", p[0], p[1], p[2])
+            let source = measurement.points.first().map_or([0.0; 3], |p| p.position);
+            let shown = session.shown_frame();
+            let p = shown.map_or(source, |frame| frame.place(source));
+            let frame = work.frame_name();
+            format!("{:.3}, {:.3}, {:.3} {of}{bound}{frame}", p[0], p[1], p[2])
         }
         MeasurementKind::Angle => format!("{:.2}°{bound}°", result.value),
         MeasurementKind::SurfaceLength | MeasurementKind::SurfaceArea => {
-            format!("{:.3} {of} on the surface", result.value)
+            format!("{:.3} {of} on the surface{corrected}", result.value)
         }
-        _ => format!("{:.3} {of}{bound}", result.value),
+        _ => format!("{:.3} {of}{bound}{corrected}", result.value),
     }
 }
 

@@ -12,11 +12,26 @@ pub enum Task {
     Note(NoteShape),
     /// A plane through three points that cuts the statue.
     Section,
+    /// How the statue stands.
+    Stand(Standing),
+    /// A length that is known.
+    Scale,
+}
+
+/// How it is said how the statue stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Standing {
+    /// By an origin, a point above and one to the front.
+    Points,
+    /// By a plane that it stands on.
+    Ground,
+    /// By a plane that is its front.
+    Face,
 }
 
 impl Task {
     /// All of them, in the panel's order.
-    pub const ALL: [Task; 10] = [
+    pub const ALL: [Task; 14] = [
         Task::Measure(MeasurementKind::Point),
         Task::Measure(MeasurementKind::Distance),
         Task::Measure(MeasurementKind::Polyline),
@@ -27,6 +42,10 @@ impl Task {
         Task::Note(NoteShape::Polyline),
         Task::Note(NoteShape::Region),
         Task::Section,
+        Task::Stand(Standing::Points),
+        Task::Stand(Standing::Ground),
+        Task::Stand(Standing::Face),
+        Task::Scale,
     ];
 
     /// Its name in the panel.
@@ -42,6 +61,24 @@ impl Task {
             Task::Note(NoteShape::Polyline) => "line",
             Task::Note(NoteShape::Region) => "region",
             Task::Section => "through three points",
+            Task::Stand(Standing::Points) => "foot, above, front",
+            Task::Stand(Standing::Ground) => "stands on",
+            Task::Stand(Standing::Face) => "its face",
+            Task::Scale => "a known length",
+        }
+    }
+
+    /// What it is for, where that takes more words than its name.
+    pub fn explained(self) -> &'static str {
+        match self {
+            Task::Stand(Standing::Points) => {
+                "three points: where its axis begins, one straight above, one to its front"
+            }
+            Task::Stand(Standing::Ground) => "three or more points of a plane that it stands on",
+            Task::Stand(Standing::Face) => "three or more points of a plane that is its front",
+            Task::Scale => "two points whose distance was measured on the statue itself",
+            Task::Section => "three points of a plane",
+            _ => "",
         }
     }
 
@@ -51,7 +88,9 @@ impl Task {
             Task::Measure(kind) => kind.points(),
             Task::Note(NoteShape::Point) => (1, 1),
             Task::Note(shape) => (shape.points_min(), usize::MAX),
-            Task::Section => (3, 3),
+            Task::Section | Task::Stand(Standing::Points) => (3, 3),
+            Task::Stand(_) => (3, usize::MAX),
+            Task::Scale => (2, 2),
         }
     }
 
@@ -62,6 +101,7 @@ impl Task {
             Task::Measure(MeasurementKind::SurfaceArea)
                 | Task::Note(NoteShape::Region)
                 | Task::Section
+                | Task::Stand(Standing::Ground | Standing::Face)
         )
     }
 }

@@ -37,18 +37,21 @@ pub(super) fn show(ui: &Ui, canvas: &Canvas, work: &Work, wishes: &mut Wishes) {
             .show(ui.ctx(), |ui| ui.allocate_response(Vec2::splat(SIZE), Sense::drag()))
             .inner
             .on_hover_text(format!("{}: drag to move it", section.name));
-        let held = response.hovered() || response.dragged();
+        // Where frames are slow the hand may have moved on before it let go.
+        let dragged = response.dragged() || response.drag_stopped();
+        let held = response.hovered() || dragged;
         draw(ui, place, tip, Color32::from_rgb(r, g, b), held);
         // From where it was taken hold of, not from frame to frame: none is laid out while the cursor moves
         // over the statue, and the first would have all of that way.
-        if response.drag_started() {
-            let grab = Grab { offset: section.offset, arrow: tip - place, length };
+        if response.drag_started()
+            && let Some(from) = ui.input(|input| input.pointer.press_origin())
+        {
+            let grab = Grab { offset: section.offset, arrow: tip - place, length, from };
             ui.data_mut(|data| data.insert_temp(id, grab));
         }
-        let grab = ui.data(|data| data.get_temp::<Grab>(id)).filter(|_| response.dragged());
-        let from = ui.input(|input| input.pointer.press_origin());
-        if let (Some(grab), Some(from), Some(to)) = (grab, from, response.interact_pointer_pos()) {
-            let offset = grab.offset + along(to - from, grab.arrow) * grab.length;
+        let grab = ui.data(|data| data.get_temp::<Grab>(id)).filter(|_| dragged);
+        if let (Some(grab), Some(to)) = (grab, ui.input(|input| input.pointer.latest_pos())) {
+            let offset = grab.offset + along(to - grab.from, grab.arrow) * grab.length;
             if offset != section.offset {
                 wishes.adjust("move section", move |s| {
                     Arc::make_mut(&mut s.sections)[i].offset = offset;
@@ -66,6 +69,8 @@ struct Grab {
     arrow: Vec2,
     /// The same in the world.
     length: f64,
+    /// Where the hand was.
+    from: Pos2,
 }
 
 /// How far along an arrow a drag goes, as a share of its length.
