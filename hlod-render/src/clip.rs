@@ -48,6 +48,12 @@ impl ClipPlanes {
         ClipPlanes { planes: self.planes.map(|plane| plane.map(|p| p.moved(p.normal.dot(by)))) }
     }
 
+    /// The same planes of a statue all of whose coordinates are multiplied.
+    pub fn scaled(&self, by: f64) -> ClipPlanes {
+        let scaled = |p: Plane| Plane { offset: p.offset * by, ..p };
+        ClipPlanes { planes: self.planes.map(|plane| plane.map(scaled)) }
+    }
+
     /// Whether everything is drawn.
     pub fn is_none(&self) -> bool {
         self.planes.iter().all(Option::is_none)

@@ -35,6 +35,17 @@ pub struct ModelLimits {
     pub keep_on_disk: bool,
 }
 
+impl ModelLimits {
+    /// What each of so many models may have, so that together they keep to these.
+    pub fn shared_by(self, models: u64) -> ModelLimits {
+        ModelLimits {
+            gpu_bytes: self.gpu_bytes / models.max(1),
+            host_bytes: self.host_bytes / models.max(1),
+            ..self
+        }
+    }
+}
+
 impl Default for ModelLimits {
     /// 1 GiB on the GPU, 256 MiB in memory, 8 MiB a frame, reading ahead, as fast as the disk.
     fn default() -> Self {

@@ -118,11 +118,45 @@ fn sessions_folder() -> Option<PathBuf> {
     user_folder().map(|folder| if chosen { folder } else { folder.join("sessions") })
 }
 
+/// What a session's file held when this program read or wrote it last: its checksum and length, none where there was no
+/// file. Another program, or another window, may have written it since.
+fn held(path: &Path) -> Option<(u32, u64)> {
+    let bytes = std::fs::read(path).ok()?;
+    Some((crc32fast::hash(&bytes), bytes.len() as u64))
+}
+
+/// Where a session was saved, and what is worth knowing of that.
+struct Saved {
+    path: PathBuf,
+    remark: Option<RenderError>,
+}
+
+/// Writes a session, unless someone else has written its file since: then theirs stays, and ours has another name.
+fn save_ours(
+    session: &Session,
+    path: &Path,
+    known: &mut Option<(u32, u64)>,
+) -> Result<Saved, RenderError> {
+    let now = held(path);
+    let is_theirs = now.is_some() && now != *known;
+    let to = if is_theirs { free_beside(path) } else { path.to_owned() };
+    save(session, &to)?;
+    *known = held(&to);
+    let remark = is_theirs.then(|| {
+        RenderError::Usage(format!(
+            "{} was written by another window or program: it stays as it is, and what is done here is kept in {}",
+            path.display(),
+            to.display()
+        ))
+    });
+    Ok(Saved { path: to, remark })
+}
+
 /// Saves sessions on a thread of its own, so that no frame waits for a disk.
 pub struct Saver {
     path: PathBuf,
     jobs: Option<mpsc::Sender<Session>>,
-    results: mpsc::Receiver<Result<(), RenderError>>,
+    results: mpsc::Receiver<Result<Saved, RenderError>>,
     thread: Option<std::thread::JoinHandle<()>>,
     changed: Option<Instant>,
     saved: Session,
@@ -133,14 +167,19 @@ impl Saver {
     pub fn new(path: PathBuf, saved: Session) -> Saver {
         let (jobs, received) = mpsc::channel::<Session>();
         let (done, results) = mpsc::channel();
-        let to = path.clone();
+        let mut to = path.clone();
+        let mut known = held(&path);
         let thread = std::thread::spawn(move || {
             while let Ok(mut session) = received.recv() {
                 // Only the latest counts.
                 while let Ok(later) = received.try_recv() {
                     session = later;
                 }
-                if done.send(save(&session, &to)).is_err() {
+                let saved = save_ours(&session, &to, &mut known);
+                if let Ok(saved) = &saved {
+                    to.clone_from(&saved.path);
+                }
+                if done.send(saved).is_err() {
                     break;
                 }
             }
@@ -154,7 +193,7 @@ impl Saver {
     }
 
     /// The session is now this; saves it when it has been another for a while. Returns what went
-    /// wrong with saving before, and tries again after the next change.
+    /// wrong with saving before, and tries again after the next change; also that its file is another now.
     pub fn note(&mut self, session: &Session, now: Instant) -> Option<RenderError> {
         if *session != self.saved {
             let since = *self.changed.get_or_insert(now);
@@ -164,7 +203,17 @@ impl Saver {
         } else {
             self.changed = None;
         }
-        std::iter::from_fn(|| self.results.try_recv().ok()).find_map(Result::err)
+        while let Ok(result) = self.results.try_recv() {
+            let saved = match result {
+                Ok(saved) => saved,
+                Err(error) => return Some(error),
+            };
+            self.path = saved.path;
+            if saved.remark.is_some() {
+                return saved.remark;
+            }
+        }
+        None
     }
 
     /// When [`Saver::note`] must be called again at the latest.
@@ -175,7 +224,7 @@ impl Saver {
     /// Saves what has not been, and waits for it.
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// When it cannot be written, or is in another file than before because someone else had written that one.
     pub fn finish(mut self, session: &Session) -> Result<(), RenderError> {
         if *session != self.saved {
             self.hand_over(session);
@@ -185,7 +234,8 @@ impl Saver {
             // It does nothing that panics; the results tell what happened.
             let _ = thread.join();
         }
-        std::iter::from_fn(|| self.results.try_recv().ok()).collect()
+        std::iter::from_fn(|| self.results.try_recv().ok())
+            .try_for_each(|result| result.and_then(|saved| saved.remark.map_or(Ok(()), Err)))
     }
 
     fn hand_over(&mut self, session: &Session) {

@@ -297,3 +297,48 @@ fn a_missing_session_is_an_io_error_with_its_name() {
     assert!(error.to_string().contains("/no/such/session.json"), "{error}");
     assert!(!matches!(error, RenderError::Format { source: FormatError::Io(_), .. }));
 }
+
+#[test]
+fn two_windows_on_one_session_lose_nothing_of_each_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.hlod.session.json");
+    save(&untouched(), &path).unwrap();
+    let of = |name: &str| {
+        let mut session = worked_on();
+        Arc::make_mut(&mut session.notes)[0].title = name.into();
+        session
+    };
+    let first = Saver::new(path.clone(), untouched());
+    let mut second = Saver::new(path.clone(), untouched());
+    let mut third = Saver::new(path.clone(), untouched());
+    first.finish(&of("first")).unwrap();
+    // The second finds it changed, says so, and goes on in another file, in which it remains.
+    let start = Instant::now();
+    second.note(&of("second"), start);
+    second.note(&of("second"), start + Duration::from_secs(4));
+    let told = std::iter::repeat_with(|| {
+        std::thread::sleep(Duration::from_millis(10));
+        second.note(&of("second"), start + Duration::from_secs(4))
+    });
+    let told = told.take(1000).flatten().next().expect("it says so").to_string();
+    assert!(
+        told.contains("written by another window") && told.contains("session.2.json"),
+        "{told}"
+    );
+    let other = folder.path().join("a.hlod.session.2.json");
+    assert_eq!(second.path(), other);
+    second.finish(&of("second again")).unwrap();
+    // The third finds both, at the end.
+    third.note(&of("third"), start);
+    let told = third.finish(&of("third")).unwrap_err().to_string();
+    assert!(told.contains("session.3.json"), "{told}");
+    let titles = ["", "2.", "3."].map(|n| {
+        load(&folder.path().join(format!("a.hlod.session.{n}json"))).unwrap().notes[0].title.clone()
+    });
+    assert_eq!(titles, ["first", "second again", "third"]);
+    // A file that was removed meanwhile is nobody's.
+    let saver = Saver::new(path.clone(), load(&path).unwrap());
+    std::fs::remove_file(&path).unwrap();
+    saver.finish(&of("fourth")).unwrap();
+    assert_eq!(load(&path).unwrap(), of("fourth"));
+}

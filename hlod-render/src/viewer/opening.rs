@@ -203,7 +203,9 @@ impl Opening<'_> {
             Statue::Kept(kept) => (kept.file.clone(), None),
         };
         let output = open.screen.picture_format().add_srgb_suffix();
-        let model = Model::open(&open.gpu, &file, options.limits)?;
+        let beside = options.compare.as_ref().filter(|_| matches!(statue, Statue::Named(_)));
+        let limits = beside.map_or(options.limits, |_| options.limits.shared_by(2));
+        let model = Model::open(&open.gpu, &file, limits)?;
         options.representation.check(model.header()).map_err(RenderError::Usage)?;
         let kept = match statue {
             Statue::Kept(kept) => {
@@ -226,8 +228,8 @@ impl Opening<'_> {
         let points = f64::from(width) / open.window.scale_factor();
         let settings = self.settings(&open.preferences, points, work.session().looks, kept);
         let mut stage = Stage::new(&open.gpu, output, model, navigation, settings, work);
-        if let (Some(file), true) = (&options.compare, kept) {
-            let (limits, format) = (options.limits, open.screen.picture_format());
+        if let Some(file) = beside {
+            let format = open.screen.picture_format();
             stage.show_beside(&open.gpu, file, limits, options.representation, format)?;
         }
         Ok(stage)

@@ -5,8 +5,9 @@ use std::path::Path;
 use glam::{DVec2, DVec3};
 
 use super::gui::Scene;
-use crate::camera::Camera;
+use crate::camera::{Camera, Projection};
 use crate::error::RenderError;
+use crate::figure::scale::millimetres;
 use crate::frame::{Renderer, check_models};
 use crate::framing::Framing;
 use crate::gpu::Gpu;
@@ -25,9 +26,15 @@ pub struct Other {
     scene: Scene,
     /// What is worth knowing of it, until it was told.
     problems: Vec<String>,
-    /// From the first statue's middle to its own, where they do not meet.
-    offset: DVec3,
+    placed: Placed,
     drawn: Option<(Shot, DVec2)>,
+}
+
+/// Where the second statue is seen as the first is: its coordinates are `scale` times the first one's, plus `offset`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Placed {
+    scale: f64,
+    offset: DVec3,
 }
 
 impl Other {
@@ -45,25 +52,30 @@ impl Other {
     ) -> Result<Other, RenderError> {
         let model = Model::open(gpu, file, limits)?;
         representation.check(model.header()).map_err(RenderError::Usage)?;
-        let offset = apart(&Framing::of(first), &Framing::of(&model));
         let units = [first, &model].map(|m| m.header().unit);
+        let lengths = units.map(millimetres);
         let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let differ = units[0] != units[1];
-        let problem = differ.then(|| {
+        let scale = match lengths {
+            [Some(here), Some(there)] => here / there,
+            _ => 1.0,
+        };
+        let is_unsure = units[0] != units[1] && lengths.contains(&None);
+        let problem = is_unsure.then(|| {
             let [here, there] = units.map(hlod_compress::Unit::name);
             format!(
                 "{name} is in {there}, the first statue in {here}: lengths are taken as they are"
             )
         });
+        let placed = Placed::new(&Framing::of(first), &Framing::of(&model), scale);
         Ok(Other {
             name,
             problems: problem.into_iter().collect(),
-            is_moved: offset != DVec3::ZERO,
+            is_moved: placed.offset != DVec3::ZERO,
             models: [model],
             renderer: Renderer::new(gpu, format.add_srgb_suffix()),
             format,
             scene: Scene::new(gpu, format, 1, 1),
-            offset,
+            placed,
             drawn: None,
         })
     }
@@ -74,12 +86,9 @@ impl Other {
     /// # Errors
     /// When the GPU fails.
     pub fn draw(&mut self, gpu: &Gpu, shot: &Shot, size: DVec2) -> Result<bool, RenderError> {
-        let camera = Camera {
-            eye: shot.camera.eye + self.offset,
-            target: shot.camera.target + self.offset,
-            ..shot.camera
-        };
-        let clip = shot.clip.moved(self.offset);
+        let Placed { scale, offset } = self.placed;
+        let camera = self.placed.camera(&shot.camera);
+        let clip = shot.clip.scaled(scale).moved(offset);
         let mut shot = Shot { camera, clip, ..*shot };
         if check_models(&self.models, shot.shadow).is_err() {
             shot.shadow = Shadow::Hard;
@@ -115,12 +124,34 @@ impl Other {
     }
 }
 
-/// From one statue's middle to the other's; nothing where they meet, as scans of one statue in one
-/// coordinate system do.
-fn apart(first: &Framing, second: &Framing) -> DVec3 {
-    let ((low, high), (other_low, other_high)) = (first.bounds, second.bounds);
-    let meet = low.cmple(other_high).all() && other_low.cmple(high).all();
-    if meet { DVec3::ZERO } else { second.centre - first.centre }
+impl Placed {
+    /// About its own middle; as it is where they meet, as scans of one statue in one coordinate system do. The first
+    /// statue's unit is `scale` of the second one's.
+    fn new(first: &Framing, second: &Framing, scale: f64) -> Placed {
+        let ((low, high), (other_low, other_high)) = (first.bounds, second.bounds);
+        let (low, high) = (low * scale, high * scale);
+        let meet = low.cmple(other_high).all() && other_low.cmple(high).all();
+        let offset = if meet { DVec3::ZERO } else { second.centre - first.centre * scale };
+        Placed { scale, offset }
+    }
+
+    /// What sees the second statue as this one sees the first.
+    fn camera(&self, camera: &Camera) -> Camera {
+        let place = |p: DVec3| p * self.scale + self.offset;
+        let projection = match camera.projection {
+            Projection::Orthographic { height } => {
+                Projection::Orthographic { height: height * self.scale }
+            }
+            perspective => perspective,
+        };
+        Camera {
+            eye: place(camera.eye),
+            target: place(camera.target),
+            near: camera.near * self.scale,
+            projection,
+            ..*camera
+        }
+    }
 }
 
 #[cfg(test)]
@@ -132,7 +163,37 @@ mod tests {
         let of = |low: f64, high: f64| {
             Framing::new((DVec3::splat(low), DVec3::splat(high)), DVec3::Y, DVec3::Z)
         };
-        assert_eq!(apart(&of(0.0, 2.0), &of(1.0, 5.0)), DVec3::ZERO);
-        assert_eq!(apart(&of(0.0, 2.0), &of(9.0, 11.0)), DVec3::splat(9.0));
+        let offset =
+            |first: &Framing, second: &Framing, scale| Placed::new(first, second, scale).offset;
+        assert_eq!(offset(&of(0.0, 2.0), &of(1.0, 5.0), 1.0), DVec3::ZERO);
+        assert_eq!(offset(&of(0.0, 2.0), &of(9.0, 11.0), 1.0), DVec3::splat(9.0));
+        // The same statue in mm and in m, and once more beside itself.
+        assert_eq!(offset(&of(1000.0, 2000.0), &of(1.0, 2.0), 1e-3), DVec3::ZERO);
+        assert_eq!(offset(&of(0.0, 1000.0), &of(2.0, 3.0), 1e-3), DVec3::splat(2.0));
+    }
+
+    /// What is seen of a place in one unit is seen of the same place in another.
+    #[test]
+    fn a_statue_in_another_unit_is_seen_in_the_same_place() {
+        let of = |low: f64, high: f64| {
+            Framing::new((DVec3::splat(low), DVec3::splat(high)), DVec3::Y, DVec3::Z)
+        };
+        let placed = Placed::new(&of(0.0, 1000.0), &of(2.0, 3.0), 1e-3);
+        for projection in
+            [Projection::Perspective { fov_y: 0.6 }, Projection::Orthographic { height: 1500.0 }]
+        {
+            let (eye, target) = (DVec3::new(300.0, 900.0, 4000.0), DVec3::splat(480.0));
+            let first = Camera { eye, target, up: DVec3::Y, projection, near: 100.0 };
+            let second = placed.camera(&first);
+            let seen = |camera: &Camera, p: DVec3| {
+                let clip = camera.clip_from_view(1.5) * camera.view_from_world();
+                clip.project_point3(p)
+            };
+            for p in [DVec3::ZERO, DVec3::new(100.0, 1000.0, 700.0)] {
+                let there = p * 1e-3 + 2.0;
+                let off = seen(&first, p).distance(seen(&second, there));
+                assert!(off < 1e-9, "{off}");
+            }
+        }
     }
 }
