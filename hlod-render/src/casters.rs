@@ -313,6 +313,7 @@ mod tests {
         Shot {
             camera,
             light,
+            spot: None,
             material: Material::default(),
             enhance: Default::default(),
             background: BACKGROUND,

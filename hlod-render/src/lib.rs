@@ -27,6 +27,7 @@ pub mod files;
 pub mod frame;
 pub mod framing;
 mod gpu;
+pub mod lamp;
 pub mod leaves;
 pub mod lens;
 mod light_space;

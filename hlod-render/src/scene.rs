@@ -16,6 +16,24 @@ pub enum Light {
     Point(DVec3),
 }
 
+/// A lamp that shines within a cone alone. Its shadows are those of a lamp that shines everywhere.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spot {
+    /// Where it is aimed at, from the lamp; of length 1, world space.
+    pub towards: DVec3,
+    /// How wide the cone is from side to side, in degrees; its last tenth falls off.
+    pub angle_deg: f64,
+}
+
+impl Spot {
+    /// What shaders know: the way back to the lamp, and the cosine at the cone's side; of no spot, less than any.
+    pub(crate) fn uniform(spot: Option<Spot>) -> glam::Vec4 {
+        let Some(spot) = spot else { return glam::Vec4::new(0.0, 0.0, 0.0, -2.0) };
+        let cosine = (spot.angle_deg.clamp(0.1, 359.0) / 2.0).to_radians().cos();
+        (-spot.towards).as_vec3().extend(cosine as f32)
+    }
+}
+
 /// How surfaces look.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Material {
@@ -319,6 +337,8 @@ pub struct Shot {
     pub camera: Camera,
     /// Light.
     pub light: Light,
+    /// Where a lamp shines within a cone alone.
+    pub spot: Option<Spot>,
     /// Looks.
     pub material: Material,
     /// Contrast that follows relief.

@@ -17,13 +17,14 @@ pub(crate) fn drop_file_cache(_file: &Path) -> Result<(), RenderError> {
     Ok(())
 }
 
-/// Asks a program that was started to end as Ctrl-C would; ends it where it cannot be asked.
+/// Asks a program that was started to end as Ctrl-C would; ends it where it cannot be asked. Not by Ctrl-C's own signal,
+/// which programs do not get whose window was started in the background of a shell.
 #[cfg(all(unix, feature = "viewer"))]
 pub(crate) fn interrupt(child: &mut std::process::Child) {
     let process = i32::try_from(child.id()).ok().and_then(rustix::process::Pid::from_raw);
     if let Some(process) = process {
         // It may have ended by itself; nobody has waited for it, so its number is not another's.
-        let _ = rustix::process::kill_process(process, rustix::process::Signal::INT);
+        let _ = rustix::process::kill_process(process, rustix::process::Signal::TERM);
     }
 }
 

@@ -4,7 +4,7 @@ use glam::{DMat4, DVec2, Mat4, Vec4};
 use hlod_compress::Header;
 
 use crate::passes::{FrameUniform, Targets};
-use crate::scene::{Light, Paint, Shadow, Shot};
+use crate::scene::{Light, Paint, Shadow, Shot, Spot};
 use crate::select::Front;
 
 /// World units that a pixel shows at depth 1, or anywhere in parallel projection.
@@ -63,6 +63,7 @@ pub(crate) fn uniform(
             0.0,
         ),
         shading: Vec4::new(shot.material.ambient, flag(has_colours), flag(shot.backs_magenta), 1.0),
+        spot: Spot::uniform(shot.spot),
         // Known when all that is seen is.
         area: [0; 4],
         size: [width, height, first_identity, 0],

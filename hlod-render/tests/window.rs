@@ -241,6 +241,7 @@ fn offscreen(file: &Path) -> Picture {
     let shot = Shot {
         camera,
         light: light_from_angles(&camera, -45.0, 40.0),
+        spot: None,
         material: Material::default(),
         enhance: Default::default(),
         background: BACKGROUND,

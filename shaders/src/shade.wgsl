@@ -232,6 +232,8 @@ fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32>
     if drawn & (frame.shadow.x > 0.5) {
         visibility -= f32(occlusion[number_of(vec2<u32>(pixel.xy))]) / f32(HIDDEN);
     }
+    let side = frame.spot.w;
+    visibility *= smoothstep(side, mix(1.0, side, 0.81), dot(frame.spot.xyz, to_light));
     let diffuse = visibility * max(dot(n, to_light), 0.0);
     let half_way = normalize(to_light + to_eye);
     let highlight = frame.material.a * pow(max(dot(n, half_way), 0.0), 24.0) * diffuse;

@@ -37,6 +37,9 @@ struct Frame {
     // x: how much contrast follows the bends of the surface, 0 to 1; y: within how many pixels; z: 1 where they are
     // painted.
     relief: vec4<f32>,
+    // xyz: the way back to a lamp that shines within a cone, world space; w: the cosine at the cone's side, −2 of
+    // lights that shine everywhere.
+    spot: vec4<f32>,
     // The part of the picture in which anything is seen: its first pixel, its width and height.
     area: vec4<u32>,
     // x, y: size of the picture in pixels; z: number of the arena's first triangle; w: of its

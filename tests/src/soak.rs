@@ -202,6 +202,7 @@ impl Wandering {
         Shot {
             camera,
             light: light_from_angles(&camera, -45.0 + f64::from(self.frame % 360), 30.0),
+            spot: None,
             material: Material::default(),
             enhance: Default::default(),
             background: BACKGROUND,

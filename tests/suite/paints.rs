@@ -9,7 +9,7 @@ use hlod_render::colour_map::{NO_VALUE, TURN_MAX_DEG, bend_colour, bound_colour,
 use hlod_render::figure::Sheet;
 use hlod_render::framing::{FOV_Y_DEG, Framing};
 use hlod_render::picture::{Picture, take};
-use hlod_render::scene::{Light, Paint, Representation, Shot};
+use hlod_render::scene::{Light, Paint, Representation, Shot, Spot};
 use hlod_render::{Gpu, Model, ModelLimits};
 use hlod_tests::{ball, built, gpu, ply};
 
@@ -255,4 +255,43 @@ fn relief_is_enhanced_where_it_is_and_nowhere_else() {
     // Pixels near sides of parts ask those of other parts.
     assert_eq!(take(0.7, 37).rgba, enhanced.rgba, "in parts");
     assert_ne!(take(0.6, 37).rgba, enhanced.rgba, "with less");
+}
+
+/// A lamp before a plane: within its cone the plane is as bright as without one, beyond it dark, and between it falls
+/// off.
+#[test]
+fn a_spot_shines_within_its_cone_alone() {
+    let mut s = scene(&field(|_, _| 0.0));
+    let (away, angle_deg) = (2.0f64, 36.0f64);
+    let mut take = |spot: Option<Spot>| {
+        s.picture(|shot| {
+            from_above(shot);
+            shot.light = Light::Point(DVec3::new(0.1, 0.0, away));
+            shot.spot = spot;
+            shot.material.ambient = 0.0;
+            shot.material.highlight = 0.0;
+        })
+    };
+    let everywhere = take(None);
+    let cone = take(Some(Spot { towards: -DVec3::Z, angle_deg }));
+    let elsewhere =
+        take(Some(Spot { towards: DVec3::new(-0.3, 0.0, -0.9).normalize(), angle_deg }));
+    let side = away * (angle_deg / 2.0).to_radians().tan();
+    let mut seen = [0; 3];
+    for (x, y) in (20..180).flat_map(|y| (20..180).map(move |x| (x, y))) {
+        let at = |v: u32| (f64::from(v) + 0.5) / f64::from(SIZE) * 2.4 - 1.2;
+        let from_axis = (at(x) - 0.1).hypot(at(y));
+        let (with, without) = (pixel(&cone, x, y), pixel(&everywhere, x, y));
+        if from_axis < 0.88 * side {
+            assert_eq!(with, without, "{x}, {y}");
+            seen[0] += 1;
+        } else if from_axis > 1.01 * side {
+            assert_eq!(with, [0; 3], "{x}, {y}");
+            seen[1] += 1;
+        } else if with != without && with != [0; 3] {
+            seen[2] += 1;
+        }
+    }
+    assert!(seen.iter().all(|count| *count > 200), "{seen:?}");
+    assert_ne!(cone.rgba, elsewhere.rgba, "where it is aimed at matters");
 }

@@ -34,6 +34,7 @@ pub fn shot(framing: &Framing, representation: Representation) -> Shot {
     Shot {
         camera,
         light: light_from_angles(&camera, -45.0, 30.0),
+        spot: None,
         material: Material::default(),
         enhance: Default::default(),
         background: BACKGROUND,

@@ -146,6 +146,7 @@ fn shot(eye: DVec3, light: Light) -> Shot {
     Shot {
         camera: camera(eye),
         light,
+        spot: None,
         material: Material::default(),
         enhance: Default::default(),
         background: BACKGROUND,

@@ -9,7 +9,7 @@ use super::section::SectionArgs;
 use super::work::{MeasureArgs, NotesArgs, SessionArgs};
 use hlod_render::camera::Camera;
 use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
-use hlod_render::scene::{CASTER_THRESHOLD_PX, Enhance, Light, Representation, Shadow};
+use hlod_render::scene::{CASTER_THRESHOLD_PX, Enhance, Light, Representation, Shadow, Spot};
 use hlod_render::{AdapterChoice, Gpu, ModelLimits, RenderError};
 
 use super::figure_args::{FigureArgs, LightDomeArgs, PlateArgs, TurntableArgs};
@@ -129,6 +129,10 @@ pub struct DrawArgs {
     /// eye, positive from the right and from above; or RIGHT,UP,FRONT of a lamp (not for audits).
     #[arg(long, value_name = "LIGHT", default_value = "-45,40", value_parser = numbers::<2, 3>, allow_hyphen_values = true)]
     pub light: Numbers,
+    /// The lamp of --light RIGHT,UP,FRONT shines within a cone so many degrees wide, aimed at the middle of the
+    /// statue or at RIGHT,UP,FRONT.
+    #[arg(long, value_name = "DEG[,R,U,F]", value_parser = spot_numbers, allow_hyphen_values = true)]
+    pub spot: Option<Numbers>,
     #[command(flatten)]
     pub enhance: EnhanceArgs,
 }
@@ -453,6 +457,33 @@ pub fn numbers<const LEAST: usize, const MOST: usize>(text: &str) -> Result<Numb
         let count = if LEAST == MOST { LEAST.to_string() } else { format!("{LEAST} to {MOST}") };
         format!("expected {count} numbers with commas between them")
     })
+}
+
+fn spot_numbers(text: &str) -> Result<Numbers, String> {
+    let given = numbers::<1, 4>(text)?;
+    match given[..] {
+        [angle] | [angle, _, _, _] if (1.0..=180.0).contains(&angle) => Ok(given),
+        _ => {
+            Err("expected 1 to 180 degrees, as in 30, or with a place, as in 30,0,-0.3,0.2".into())
+        }
+    }
+}
+
+/// The cone that `--spot` names.
+///
+/// # Errors
+/// When the light is no lamp, or is where it is aimed at.
+pub fn spot(draw: &DrawArgs, light: Light, framing: &Framing) -> Result<Option<Spot>, String> {
+    let Some(given) = &draw.spot else { return Ok(None) };
+    let Light::Point(lamp) = light else {
+        return Err("--spot needs a lamp: --light RIGHT,UP,FRONT".into());
+    };
+    let at = match given[..] {
+        [_, right, up, front] => framing.point([right, up, front]),
+        _ => framing.centre,
+    };
+    let towards = (at - lamp).try_normalize().ok_or("--spot: the lamp is where it is aimed at")?;
+    Ok(Some(Spot { towards, angle_deg: given[0] }))
 }
 
 /// The camera that `--camera` names.

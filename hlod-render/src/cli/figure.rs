@@ -292,6 +292,7 @@ pub fn run_plate(cli: &Cli, args: &PlateArgs) -> Outcome {
         caster_tau: hlod_render::scene::CASTER_THRESHOLD_PX,
         shadow_exact: false,
         light: vec![-45.0, 30.0],
+        spot: None,
         enhance: args.enhance,
     };
     let mut opened = open_model(cli, &args.file, &draw)?;
@@ -372,8 +373,9 @@ pub fn run_turntable(cli: &Cli, args: &TurntableArgs) -> Outcome {
 }
 
 pub fn run_light_dome(cli: &Cli, args: &LightDomeArgs) -> Outcome {
-    if args.draw.enhance.enhance > 0.0 {
-        let why = "light-dome: pictures are of Lambert's law alone, which --enhance would change";
+    if args.draw.enhance.enhance > 0.0 || args.draw.spot.is_some() {
+        let why = "light-dome: pictures are of Lambert's law and parallel light alone, which --enhance and --spot would \
+                   change";
         return Err(Failure::Usage(why.into()));
     }
     check_folder(&args.output)?;

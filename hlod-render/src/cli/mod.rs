@@ -151,6 +151,7 @@ fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Fail
     Ok(Shot {
         camera,
         light,
+        spot: args::spot(draw, light, framing).map_err(Failure::Usage)?,
         material: Material::default(),
         enhance: draw.enhance.enhance(),
         background: BACKGROUND,

@@ -33,7 +33,7 @@ pub struct SessionArgs {
     #[arg(long, value_name = "JSON", requires = "view")]
     pub session: Option<PathBuf>,
     /// One of its views: camera, light and looks, in place of --camera, --light and so on.
-    #[arg(long, value_name = "NAME", requires = "session", conflicts_with_all = ["camera", "light", "light_size", "shadow", "paint", "enhance", "enhance_radius"])]
+    #[arg(long, value_name = "NAME", requires = "session", conflicts_with_all = ["camera", "light", "light_size", "shadow", "spot", "paint", "enhance", "enhance_radius"])]
     pub view: Option<String>,
 }
 

@@ -84,6 +84,11 @@ impl Provenance {
             ),
         };
         self.add("light", &light);
+        if let Some(spot) = &shot.spot {
+            let along = framing.axes.map(|axis| spot.towards.dot(axis));
+            let text = format!("{}° wide towards {}", number(spot.angle_deg), numbers(&along));
+            self.add("spot", &text);
+        }
         self.add("shadows", shot.shadow.name());
         if shot.enhance.strength > 0.0 {
             let (strength, radius) = (shot.enhance.strength, shot.enhance.radius_px);

@@ -61,6 +61,8 @@ pub struct FrameUniform {
     pub scalar: Vec4,
     /// How much contrast follows the bends of the surface; within how many pixels; whether they are painted.
     pub relief: Vec4,
+    /// Direction towards a lamp that shines within a cone, and the cosine at its side: see [`crate::scene::Spot`].
+    pub spot: Vec4,
     /// The part of the picture in which anything is seen: first pixel, width, height.
     pub area: [u32; 4],
     /// Width, height, number of the arena's first triangle, and of its first chunk.

@@ -5,9 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera::{Camera, Projection};
 use crate::framing::Framing;
-use crate::scene::{
-    BACKGROUND, Enhance, Light, Material, Paint, Shadow, Shot, direction_from_angles,
-};
+use crate::lamp::{Lamp, LightAngles};
+use crate::scene::{BACKGROUND, Enhance, Material, Paint, Shadow, Shot};
 
 /// Light and looks.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -20,6 +19,13 @@ pub struct Looks {
     pub light_azimuth_deg: f64,
     /// Positive from above.
     pub light_elevation_deg: f64,
+    /// Of a lamp, how far it is from the middle of the picture, or of the statue where its angles are relative to that,
+    /// in the source's unit; parallel light has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lamp_distance: Option<f64>,
+    /// How wide the cone is in which a lamp shines, aimed at the same middle; without it, it shines everywhere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spot_deg: Option<f64>,
     /// Angle under which the light is seen, for soft shadows.
     pub light_size_deg: f64,
     /// What shadows are drawn.
@@ -135,6 +141,8 @@ impl Default for Looks {
             light_frame: LightFrame::Picture,
             light_azimuth_deg: -45.0,
             light_elevation_deg: 45.0,
+            lamp_distance: None,
+            spot_deg: None,
             light_size_deg: 3.0,
             shadow: ShadowName::None,
             paint: PaintName::Shaded,
@@ -157,9 +165,11 @@ impl Looks {
     pub fn apply(&self, shot: Shot, framing: &Framing) -> Shot {
         let material =
             Material { ambient: self.ambient, highlight: self.highlight, ..shot.material };
+        let lamp = self.lamp();
         Shot {
-            light: self.light(&shot.camera, framing),
-            light_size: self.light_size_deg,
+            light: lamp.light(&shot.camera, framing),
+            spot: lamp.spot(&shot.camera, framing),
+            light_size: lamp.size(self.light_size_deg),
             shadow: self.shadow.into(),
             paint: self.paint.into(),
             background: Vec3::from_array(self.background),
@@ -169,11 +179,14 @@ impl Looks {
         }
     }
 
-    /// The light in a picture of this camera.
-    pub fn light(&self, camera: &Camera, framing: &Framing) -> Light {
-        let axes = self.light_frame.axes(camera, framing);
-        let (azimuth, elevation) = (self.light_azimuth_deg, self.light_elevation_deg);
-        Light::Directional(direction_from_angles(axes, azimuth, elevation))
+    /// The light, which a camera gives a place.
+    pub fn lamp(&self) -> Lamp {
+        Lamp {
+            angles: LightAngles::new(self.light_azimuth_deg, self.light_elevation_deg),
+            frame: self.light_frame,
+            distance: self.lamp_distance,
+            spot_deg: self.spot_deg,
+        }
     }
 
     pub(super) fn validate(&self) -> Result<(), String> {
@@ -181,6 +194,8 @@ impl Looks {
         let known =
             [self.light_azimuth_deg, self.light_elevation_deg].iter().all(|v| v.is_finite())
                 && (0.0..=180.0).contains(&self.light_size_deg)
+                && self.lamp_distance.is_none_or(|d| d > 0.0 && d < 1e12)
+                && self.spot_deg.is_none_or(|deg| (1.0..=180.0).contains(&deg))
                 && (1.0..=Enhance::RADIUS_MAX_PX).contains(&self.enhance_radius_px)
                 && shares.iter().chain(&self.background).all(|v| (0.0..=1.0).contains(v));
         if known { Ok(()) } else { Err("a value is not a number or out of its range".into()) }

@@ -5,13 +5,14 @@ use egui::{Align2, Color32, FontId, Grid, RichText, Slider, Ui};
 use super::bindings::{Action, HELP};
 use super::compass;
 use super::legend;
-use super::light::{Lamp, PRESETS, RAKING_DEG};
+use super::light::{PRESETS, RAKING_DEG};
 use super::mapping::Mapping;
 use super::preferences::{Preferences, UI_SCALES};
 use super::settings::Settings;
 use super::work::{Work, desk, desk::Wishes, overlay::Overlay};
 use crate::frame::FrameStats;
 use crate::framing::NAMED_VIEWS;
+use crate::lamp::Lamp;
 use crate::scene::{Enhance, Material, Paint, Painted, Representation, Shadow};
 use crate::session::LightFrame;
 
@@ -49,6 +50,8 @@ pub struct Readings {
     pub resident_bytes: u64,
     /// Bytes read from the file.
     pub bytes_read: u64,
+    /// From corner to corner of the statue's bounds.
+    pub diagonal: f64,
     /// Whether planes cut the statue open.
     pub cut_open: bool,
     /// Whether rays are parallel.
@@ -224,7 +227,8 @@ fn light(ui: &mut Ui, settings: &mut Settings, readings: &Readings, wishes: &mut
     });
     ui.horizontal_wrapped(|ui| {
         for (number, (name, preset)) in PRESETS.iter().enumerate() {
-            let is_it = *light == Lamp::of_picture(*preset);
+            let of_preset = Lamp::of_picture(*preset);
+            let is_it = (light.angles, light.frame) == (of_preset.angles, of_preset.frame);
             if ui.selectable_label(is_it, *name).clicked() {
                 wishes.actions.push(Action::LightPreset(number));
             }
@@ -234,6 +238,7 @@ fn light(ui: &mut Ui, settings: &mut Settings, readings: &Readings, wishes: &mut
         settings.raking = None;
     }
     raking(ui, settings, wishes);
+    lamp(ui, &mut settings.light, readings.diagonal);
     ui.horizontal(|ui| {
         ui.label("shadows");
         for shadow in [Shadow::None, Shadow::Hard, Shadow::Soft] {
@@ -252,6 +257,32 @@ fn light(ui: &mut Ui, settings: &mut Settings, readings: &Readings, wishes: &mut
     let size = Slider::new(&mut settings.light_size_deg, 0.0..=20.0).suffix("°").max_decimals(1);
     ui.add_enabled(is_soft, size.text("light's size"))
         .on_hover_text("the angle under which the light is seen; 0 casts hard shadows");
+}
+
+/// Whether the light is parallel, a lamp, or a lamp that shines within a cone.
+fn lamp(ui: &mut Ui, light: &mut Lamp, diagonal: f64) {
+    let kinds = [("parallel", false, false), ("lamp", true, false), ("spot", true, true)];
+    let now = (light.distance.is_some(), light.distance.and(light.spot_deg).is_some());
+    ui.horizontal(|ui| {
+        for (name, is_lamp, is_spot) in kinds {
+            if ui.selectable_label(now == (is_lamp, is_spot), name).clicked() {
+                // As far as the statue is large, until someone says better.
+                light.distance = is_lamp.then(|| light.distance.unwrap_or(diagonal));
+                light.spot_deg = is_spot.then(|| light.spot_deg.unwrap_or(30.0));
+            }
+        }
+    });
+    if let Some(distance) = &mut light.distance {
+        let far = Slider::new(distance, 0.01 * diagonal..=10.0 * diagonal).logarithmic(true);
+        ui.add(far.clamping(egui::SliderClamping::Edits).max_decimals(3).text("away"))
+            .on_hover_text(
+                "from the middle of the picture, or of the statue where it is relative to that",
+            );
+        if let Some(spot_deg) = &mut light.spot_deg {
+            ui.add(Slider::new(spot_deg, 1.0..=180.0).suffix("°").max_decimals(0).text("cone"))
+                .on_hover_text("how wide it shines; it is aimed at that middle");
+        }
+    }
 }
 
 /// Light that rakes one place of the surface.

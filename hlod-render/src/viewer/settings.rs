@@ -2,10 +2,11 @@
 
 use glam::Vec3;
 
-use super::light::{Lamp, LightAngles, Raking, UPPER_LEFT};
+use super::light::{Raking, UPPER_LEFT};
 use super::pace::FRAME_TARGET_MS;
 use crate::camera::Camera;
 use crate::framing::Framing;
+use crate::lamp::Lamp;
 use crate::scene::{BACKGROUND, Enhance, Material, Paint, Representation, Shadow, Shot};
 use crate::session::Looks;
 
@@ -73,6 +74,8 @@ impl Settings {
             light_frame: self.light.frame,
             light_azimuth_deg: self.light.angles.azimuth_deg,
             light_elevation_deg: self.light.angles.elevation_deg,
+            lamp_distance: self.light.distance,
+            spot_deg: self.light.spot_deg,
             light_size_deg: self.light_size_deg,
             shadow: self.shadow.into(),
             paint: self.paint.into(),
@@ -86,8 +89,7 @@ impl Settings {
 
     /// Takes over what a session kept.
     pub fn set_looks(&mut self, looks: &Looks) {
-        let angles = LightAngles::new(looks.light_azimuth_deg, looks.light_elevation_deg);
-        self.light = Lamp { angles, frame: looks.light_frame };
+        self.light = looks.lamp();
         self.raking = None;
         self.light_size_deg = looks.light_size_deg;
         self.shadow = looks.shadow.into();
@@ -103,6 +105,7 @@ impl Settings {
         Shot {
             camera,
             light: self.light.light(&camera, framing),
+            spot: self.light.spot(&camera, framing),
             material: self.material,
             enhance: self.enhance,
             background: Vec3::from_array(self.background),
@@ -110,7 +113,7 @@ impl Settings {
             paint: self.paint,
             error_threshold_px: self.error_threshold_px * tau_factor,
             shadow: self.shadow,
-            light_size: self.light_size_deg,
+            light_size: self.light.size(self.light_size_deg),
             // Shadows' edges are as fine as the surface.
             caster_threshold_px: self.error_threshold_px * tau_factor,
             sample_offset_px: glam::DVec2::ZERO,

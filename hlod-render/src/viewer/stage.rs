@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3};
 use super::bindings::Action;
 use super::depth::DepthReader;
 use super::gui::Scene;
-use super::light::{Lamp, PRESETS, Raking};
+use super::light::{PRESETS, Raking};
 use super::navigation::{Drag, Navigation};
 use super::other::Other;
 use super::pace::{FrameClock, Motion, TauController};
@@ -20,6 +20,7 @@ use crate::error::RenderError;
 use crate::frame::{FrameStats, Renderer, check_models};
 use crate::framing::Framing;
 use crate::gpu::Gpu;
+use crate::lamp::Lamp;
 use crate::model::{Model, ModelLimits};
 use crate::passes::check_shadows;
 use crate::scene::{Painted, Representation, Shadow, Shot};
@@ -295,7 +296,11 @@ impl Stage {
             Action::ToggleRecording => self.toggle_recording(now),
             Action::LightPreset(number) => {
                 if let Some((_, light)) = PRESETS.get(number) {
-                    self.settings.light = Lamp::of_picture(*light);
+                    self.settings.light = Lamp {
+                        distance: self.settings.light.distance,
+                        spot_deg: self.settings.light.spot_deg,
+                        ..Lamp::of_picture(*light)
+                    };
                     self.settings.raking = None;
                 }
             }
@@ -405,7 +410,8 @@ impl Stage {
         let Some(raking) = self.settings.raking else { return };
         let (camera, framing) = (self.navigation.camera(), self.navigation.framing());
         let frame = LightFrame::Object;
-        self.settings.light = Lamp::of_direction(raking.direction(), frame, &camera, framing);
+        self.settings.light =
+            self.settings.light.towards(raking.direction(), frame, &camera, framing);
         self.motion.note(now);
     }
 
@@ -466,6 +472,10 @@ impl Stage {
             link_problem: self.models[0].link_problem().map(str::to_owned),
             resident_bytes: self.models[0].resident_bytes(),
             bytes_read: self.models[0].bytes_read(),
+            diagonal: {
+                let (low, high) = self.models[0].bounds();
+                (high - low).length()
+            },
             cut_open: !self.work.session().clip_planes().is_none(),
             parallel: self.navigation.is_parallel(),
             flying: self.navigation.is_flying(),
