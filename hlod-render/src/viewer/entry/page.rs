@@ -218,19 +218,22 @@ fn offer(ui: &Ui, entry: &mut Entry) {
 /// What files of scans do not say.
 fn declare(ui: &mut Ui, order: &mut Order) {
     Grid::new("order").num_columns(2).show(ui, |ui| {
-        ui.label("writes");
+        let writes = ui.label("writes");
         let mut output = order.output.display().to_string();
-        if ui.add(TextEdit::singleline(&mut output).desired_width(340.0)).changed() {
+        let field = ui.add(TextEdit::singleline(&mut output).desired_width(340.0));
+        if field.labelled_by(writes.id).changed() {
             order.output = output.into();
         }
         ui.end_row();
-        ui.label("unit");
+        let unit = ui.label("unit");
         let name = |unit: Unit| UNITS.iter().find(|(u, _)| *u == unit).map_or("", |(_, name)| name);
-        ComboBox::from_id_salt("unit").selected_text(name(order.unit)).show_ui(ui, |ui| {
+        let units = ComboBox::from_id_salt("unit").selected_text(name(order.unit));
+        let units = units.show_ui(ui, |ui| {
             for (unit, name) in UNITS {
                 ui.selectable_value(&mut order.unit, unit, name);
             }
         });
+        units.response.labelled_by(unit.id);
         ui.end_row();
         axis(ui, "up", &mut order.up);
         axis(ui, "front", &mut order.front);

@@ -211,10 +211,12 @@ fn scale(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
     let Some(before) = &work.session().scale else { return };
     let mut scale = before.clone();
     ui.horizontal_wrapped(|ui| {
+        let name = ui.label(RichText::new("known").size(SMALL));
         let speed = scale.known_length / 1000.0;
         ui.add(
             DragValue::new(&mut scale.known_length).speed(speed).range(1e-6..=1e9).max_decimals(4),
         )
+        .labelled_by(name.id)
         .on_hover_text(format!(
             "the scan has {:.4} {}",
             scale.measured_length(),
@@ -227,7 +229,9 @@ fn scale(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
                 for unit in ["um", "mm", "cm", "m", "in"] {
                     ui.selectable_value(&mut scale.unit, unit.to_owned(), unit);
                 }
-            });
+            })
+            .response
+            .labelled_by(name.id);
         ui.label(RichText::new(format!("× {:.6}", scale.factor())).size(SMALL))
             .on_hover_text("what lengths of the scan are multiplied by: results show both");
         if remove(ui) {
