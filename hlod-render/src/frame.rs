@@ -21,6 +21,7 @@ use crate::passes::{
 use crate::scene::{Light, Representation, Shadow, Shot};
 use crate::seen::Seen;
 use crate::select::{Front, Selection, View, corners, select};
+use crate::shadow_map::MapCount;
 use crate::skeleton::{ChildLink, Node};
 use crate::survey::Survey;
 use crate::traced::Tracer;
@@ -306,6 +307,13 @@ impl Renderer {
             _ => None,
         };
         let hidden = tracer.map(|(tracer, lit)| lit.hidden_by(tracer, targets));
+        let map_plan = match (shot.shadow, &lit) {
+            (Shadow::Mapped(map), Some(lit)) => {
+                let bounds = models.iter().map(Model::bounds);
+                Some(lit.map_plan(map, bounds, shot, targets))
+            }
+            _ => None,
+        };
         let shadow = match (&hidden, shot.shadow) {
             (Some(hidden), _) => DrawnShadow::Traced { faces: &faces, hidden },
             (None, Shadow::None) => DrawnShadow::None,
@@ -313,11 +321,20 @@ impl Renderer {
                 ranges: &casting,
                 faces: &faces,
                 is_soft: shot.light_radius() > 0.0,
+                map: map_plan.as_ref(),
             },
         };
         let drawn = Drawn { ranges: &ranges, parts: &parts, area: seen.rectangle(), shadow };
         self.passes.of(gpu, shot).encode(gpu, &uniforms, &drawn, shot, targets)?;
         gpu.check()
+    }
+
+    /// What came of the shadow maps of the last frame that had any; waits for the GPU.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub fn map_count(&self, gpu: &Gpu) -> Result<MapCount, RenderError> {
+        self.passes.whole().map_count(gpu)
     }
 
     /// Draws given ranges of given arenas; a frame's last step, and all of it for the reference of
@@ -425,7 +442,7 @@ fn update(
     if shot.shadow != Shadow::None {
         fronts.boxes = visible_boxes(models, &fronts.receivers);
     }
-    if matches!(shot.shadow, Shadow::Hard | Shadow::Soft) {
+    if shot.shadow.is_cast() {
         let whole = survey.map_or(&fronts.boxes, |survey| &survey.boxes);
         for (m, model) in models.iter().enumerate() {
             let mut view = caster_view(model, shot, (width, height), whole);

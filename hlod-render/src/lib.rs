@@ -46,6 +46,7 @@ pub mod section;
 mod seen;
 pub mod select;
 pub mod session;
+pub mod shadow_map;
 pub mod simulate;
 pub mod skeleton;
 pub mod skirts;

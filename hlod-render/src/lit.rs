@@ -3,14 +3,17 @@
 use glam::{DMat4, DVec3, Vec4};
 
 use crate::light_space::{Face, faces};
-use crate::passes::{FaceUniforms, FrameUniform, Targets};
+use crate::passes::{FaceUniforms, FrameUniform, MapPlan, Targets};
 use crate::scene::{Light, Shot};
+use crate::shadow_map::{ShadowMap, homography};
 use crate::traced::{LIGHT_RAYS, Tracer};
 
 /// The light of one frame.
 pub(crate) struct Lit {
     /// World space; light space is relative to it.
     centre: DVec3,
+    /// Round what is seen, relative to it.
+    points: Vec<DVec3>,
     faces: Vec<Face>,
     /// As [`Shot::light_radius`] has it.
     radius: f64,
@@ -41,9 +44,33 @@ impl Lit {
         Lit {
             centre,
             faces: faces(light, shot.camera.axes()[0], &points),
+            points,
             radius: shot.light_radius(),
             rounding: ROUNDING * (reach + far),
         }
+    }
+
+    /// How shadow maps look at each of the light's faces. Whatever casts lies in `bounds`, world space.
+    pub(crate) fn map_plan(
+        &self,
+        map: ShadowMap,
+        bounds: impl Iterator<Item = (DVec3, DVec3)>,
+        shot: &Shot,
+        targets: &Targets,
+    ) -> MapPlan {
+        let (width, height) = targets.window().picture();
+        let seen = (&shot.camera, f64::from(width) / f64::from(height));
+        let of_face = |face| homography(map.projection, face, seen, self.centre, &self.points);
+        let corner = |(low, high): (DVec3, DVec3)| {
+            (low - self.centre).abs().max((high - self.centre).abs()).length()
+        };
+        let reach = match shot.light {
+            // And a little more, for nodes reach beyond by their errors.
+            Light::Directional(_) => 1.5 * bounds.map(corner).fold(0.0, f64::max),
+            Light::Point(_) => self.faces.first().map_or(0.0, |face| face.near),
+        };
+        let homographies = self.faces.iter().map(of_face).collect();
+        MapPlan { map, homographies, reach: reach as f32 }
     }
 
     /// For each of the light's faces, what shaders know of it and of these arenas.

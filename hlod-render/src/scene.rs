@@ -6,6 +6,7 @@ use hlod_compress::{Header, Primitives, RepresentationKind, ScalarRange};
 use crate::camera::Camera;
 use crate::clip::ClipPlanes;
 use crate::colour_map::{ColourMap, TURN_MAX_DEG, bounds_shown};
+use crate::shadow_map::ShadowMap;
 
 /// Where light comes from.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -306,6 +307,8 @@ pub enum Shadow {
     Hard,
     /// Of a light that is a disc, [`Shot::light_size`] wide; of size 0 they are the hard ones.
     Soft,
+    /// Hard ones with a map, as other programs draw them: for comparison.
+    Mapped(ShadowMap),
     /// The same from the scan's own triangles, by rays: slow, and what the others are compared with.
     Traced,
 }
@@ -317,8 +320,14 @@ impl Shadow {
             Shadow::None => "none",
             Shadow::Hard => "hard",
             Shadow::Soft => "soft",
+            Shadow::Mapped(_) => "map",
             Shadow::Traced => "traced",
         }
+    }
+
+    /// Whether levels of detail cast it, not the scan's own triangles.
+    pub(crate) fn is_cast(self) -> bool {
+        matches!(self, Shadow::Hard | Shadow::Soft | Shadow::Mapped(_))
     }
 }
 
@@ -373,7 +382,7 @@ impl Shot {
     /// shadows are hard.
     pub fn light_radius(&self) -> f64 {
         match (self.shadow, self.light) {
-            (Shadow::None | Shadow::Hard, _) => 0.0,
+            (Shadow::None | Shadow::Hard | Shadow::Mapped(_), _) => 0.0,
             (_, Light::Point(_)) => self.light_size / 2.0,
             (_, Light::Directional(_)) => (self.light_size.min(170.0) / 2.0).to_radians().tan(),
         }

@@ -77,7 +77,7 @@ impl Survey {
             if shot.shadow != Shadow::None {
                 boxes = visible_boxes(models, &receivers);
             }
-            let casts = matches!(shot.shadow, Shadow::Hard | Shadow::Soft);
+            let casts = shot.shadow.is_cast();
             let casting = models.iter().filter(|_| casts).map(|m| {
                 select_casters(m.skeleton(), &caster_view(m, shot, size, &boxes), &|_, _| true)
             });

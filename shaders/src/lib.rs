@@ -100,7 +100,33 @@ pub const OCCLUDE: Pass = Pass {
         include_str!("visible.wgsl"),
         include_str!("shadow.wgsl"),
         include_str!("casters.wgsl"),
+        include_str!("cells.wgsl"),
         include_str!("occlude.wgsl")
+    ),
+};
+
+/// Which of them are hidden by what a map has: `measure_map`, `fit`, `look_up`.
+pub const MAP: Pass = Pass {
+    name: "map",
+    source: concat!(
+        include_str!("shared.wgsl"),
+        include_str!("points.wgsl"),
+        include_str!("visible.wgsl"),
+        include_str!("shadow.wgsl"),
+        include_str!("map_view.wgsl"),
+        include_str!("map.wgsl")
+    ),
+};
+
+/// What casts, into a map.
+pub const MAP_DRAW: Pass = Pass {
+    name: "map_draw",
+    source: concat!(
+        include_str!("shared.wgsl"),
+        include_str!("points.wgsl"),
+        include_str!("casters.wgsl"),
+        include_str!("map_view.wgsl"),
+        include_str!("map_draw.wgsl")
     ),
 };
 
@@ -113,6 +139,7 @@ pub const SOFTEN: Pass = Pass {
         include_str!("visible.wgsl"),
         include_str!("shadow.wgsl"),
         include_str!("casters.wgsl"),
+        include_str!("cells.wgsl"),
         include_str!("soften.wgsl")
     ),
 };
@@ -133,9 +160,9 @@ pub const EXPLAIN: Pass = Pass {
 pub const PANEL: Pass = Pass { name: "panel", source: include_str!("panel.wgsl") };
 
 /// Every pass.
-pub const ALL: [Pass; 13] = [
-    SURFACE, SMALL, SPREAD, LARGE, SPLATS, RESOLVE, SHADE, SAMPLES, OCCLUDE, SOFTEN, SETTLE,
-    EXPLAIN, PANEL,
+pub const ALL: [Pass; 15] = [
+    SURFACE, SMALL, SPREAD, LARGE, SPLATS, RESOLVE, SHADE, SAMPLES, OCCLUDE, MAP, MAP_DRAW, SOFTEN,
+    SETTLE, EXPLAIN, PANEL,
 ];
 
 #[cfg(test)]

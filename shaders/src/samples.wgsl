@@ -31,10 +31,6 @@ struct DrawnRange {
 // What grazes the surface more is taken for this: it is hardly lit.
 const COSINE_MIN: f32 = 0.1;
 
-fn unordered(code: u32) -> f32 {
-    return bitcast<f32>(select(~code, code & 0x7fffffffu, (code >> 31u) == 1u));
-}
-
 @compute @workgroup_size(8, 8)
 fn place(@builtin(global_invocation_id) id: vec3<u32>) {
     if any(id.xy >= frame.area.zw) {

@@ -38,6 +38,10 @@ fn ordered(f: f32) -> u32 {
     return select(bits | 0x80000000u, ~bits, (bits >> 31u) == 1u);
 }
 
+fn unordered(code: u32) -> f32 {
+    return bitcast<f32>(select(~code, code & 0x7fffffffu, (code >> 31u) == 1u));
+}
+
 // How far z / w may be from its place on a triangle by rounding: of a sliver, where weights are
 // quotients of small numbers, as far as its corners differ. `across` is on the light's picture.
 fn noise_of(low: vec2<f32>, high: vec2<f32>, across: f32, depth_range: f32) -> f32 {

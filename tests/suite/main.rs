@@ -21,6 +21,7 @@ mod points;
 mod programs;
 mod restart;
 mod section;
+mod shadow_maps;
 mod shadows;
 mod standing;
 mod streaming;

@@ -14,18 +14,18 @@ use hlod_render::scene::{
 use hlod_render::{Gpu, Model, ModelLimits};
 use hlod_tests::{built, gpu, ply, scan};
 
-const SIZE: (u32, u32) = (480, 320);
+pub(super) const SIZE: (u32, u32) = (480, 320);
 const RADIUS: f64 = 0.5;
-const MIDDLE: DVec3 = DVec3::new(0.1, 1.0, -0.05);
+pub(super) const MIDDLE: DVec3 = DVec3::new(0.1, 1.0, -0.05);
 
-struct Scene {
-    gpu: Gpu,
-    models: [Model; 1],
+pub(super) struct Scene {
+    pub(super) gpu: Gpu,
+    pub(super) models: [Model; 1],
     _folder: tempfile::TempDir,
 }
 
 impl Scene {
-    fn new(mesh: (Vec<[f64; 3]>, Vec<[u32; 3]>)) -> Scene {
+    pub(super) fn new(mesh: (Vec<[f64; 3]>, Vec<[u32; 3]>)) -> Scene {
         let folder = tempfile::tempdir().unwrap();
         let [input, output] = ["scene.ply", "scene.hlod"].map(|f| folder.path().join(f));
         std::fs::write(&input, ply(&mesh.0, &mesh.1)).unwrap();
@@ -37,7 +37,7 @@ impl Scene {
 
     /// What each pixel shows of the floor and whether it is hidden, and of all pixels the
     /// occlusion; `None` where the background or something else is seen.
-    fn floor(&mut self, shot: &Shot) -> Vec<Option<(DVec3, bool)>> {
+    pub(super) fn floor(&mut self, shot: &Shot) -> Vec<Option<(DVec3, bool)>> {
         let (canvas, _) = self.draw(shot);
         let depths = canvas.depths(&self.gpu).unwrap();
         let occlusion = canvas.occlusion(&self.gpu).unwrap();
@@ -56,7 +56,7 @@ impl Scene {
         (canvas, stats)
     }
 
-    fn occlusion(&mut self, shot: &Shot) -> (Vec<u32>, Vec<u32>) {
+    pub(super) fn occlusion(&mut self, shot: &Shot) -> (Vec<u32>, Vec<u32>) {
         let (canvas, _) = self.draw(shot);
         (canvas.occlusion(&self.gpu).unwrap(), canvas.identities(&self.gpu).unwrap())
     }
@@ -105,7 +105,7 @@ fn add(to: &mut (Vec<[f64; 3]>, Vec<[u32; 3]>), vertices: Vec<[f64; 3]>, faces: 
 }
 
 /// A ball over a floor.
-fn ball() -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+pub(super) fn ball() -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     let n = 160;
     let mut scene = floor(64);
     let mut vertices = Vec::new();
@@ -142,7 +142,7 @@ fn camera(eye: DVec3) -> Camera {
     Camera { eye, target: DVec3::new(0.0, 0.3, 0.0), up: DVec3::Y, projection, near: 0.05 }
 }
 
-fn shot(eye: DVec3, light: Light) -> Shot {
+pub(super) fn shot(eye: DVec3, light: Light) -> Shot {
     Shot {
         camera: camera(eye),
         light,
@@ -163,7 +163,7 @@ fn shot(eye: DVec3, light: Light) -> Shot {
     }
 }
 
-const EYE: DVec3 = DVec3::new(1.5, 3.0, 4.5);
+pub(super) const EYE: DVec3 = DVec3::new(1.5, 3.0, 4.5);
 
 /// The way from a point to a light, of length 1.
 fn towards(light: Light, p: DVec3) -> DVec3 {
@@ -181,7 +181,7 @@ fn beside_ball(light: Light, p: DVec3) -> f64 {
 
 /// Pixels where shadow and no shadow are mixed up, farther than `margin` pixels (measured across the
 /// light) from the ball's outline; and how many pixels are in its shadow.
-fn wrong_on_floor(
+pub(super) fn wrong_on_floor(
     floor: &[Option<(DVec3, bool)>],
     shot: &Shot,
     light: Light,

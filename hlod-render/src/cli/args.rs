@@ -10,6 +10,7 @@ use super::work::{MeasureArgs, NotesArgs, SessionArgs};
 use hlod_render::camera::Camera;
 use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
 use hlod_render::scene::{CASTER_THRESHOLD_PX, Enhance, Light, Representation, Shadow, Spot};
+use hlod_render::shadow_map::{MapProjection, ShadowMap};
 use hlod_render::{AdapterChoice, Gpu, ModelLimits, RenderError};
 
 use super::figure_args::{FigureArgs, LightDomeArgs, PlateArgs, TurntableArgs};
@@ -125,6 +126,8 @@ pub struct DrawArgs {
     /// Shadows' edges within a pixel up to 60° of incidence: the same as --tau 0.25 --caster-tau 0.25.
     #[arg(long, conflicts_with_all = ["tau", "caster_tau"])]
     pub shadow_exact: bool,
+    #[command(flatten)]
+    pub map: MapArgs,
     /// AZIMUTH,ELEVATION of parallel light in degrees, relative to the picture: 0,0 comes from the
     /// eye, positive from the right and from above; or RIGHT,UP,FRONT of a lamp (not for audits).
     #[arg(long, value_name = "LIGHT", default_value = "-45,40", value_parser = numbers::<2, 3>, allow_hyphen_values = true)]
@@ -175,16 +178,57 @@ pub enum ShadowArg {
     None,
     Hard,
     Soft,
+    /// Hard ones with a shadow map, as other programs draw them: to compare with.
+    Map,
     Traced,
 }
 
-impl ShadowArg {
-    pub fn shadow(self) -> Shadow {
-        match self {
+impl DrawArgs {
+    pub fn shadow(&self) -> Shadow {
+        match self.shadow {
             ShadowArg::None => Shadow::None,
             ShadowArg::Hard => Shadow::Hard,
             ShadowArg::Soft => Shadow::Soft,
+            ShadowArg::Map => Shadow::Mapped(ShadowMap {
+                projection: self.map.map_projection.projection(),
+                size: self.map.map_size,
+            }),
             ShadowArg::Traced => Shadow::Traced,
+        }
+    }
+}
+
+/// The map of --shadow map.
+#[derive(Args, Clone, Copy)]
+pub struct MapArgs {
+    /// How the map of --shadow map looks at the scene.
+    #[arg(long, value_name = "HOW", value_enum, default_value = "perspective")]
+    pub map_projection: MapProjectionArg,
+    /// Texels of a side of the map of --shadow map, 16 to 4096.
+    #[arg(long, value_name = "TEXELS", default_value_t = 2048, value_parser = map_size())]
+    pub map_size: u32,
+}
+
+fn map_size() -> clap::builder::RangedI64ValueParser<u32> {
+    clap::value_parser!(u32).range(16..=i64::from(ShadowMap::SIZE_MAX))
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum MapProjectionArg {
+    /// As the light looks.
+    Uniform,
+    /// Light-space perspective (Wimmer et al. 2004).
+    LightSpace,
+    /// Perspective (Stamminger & Drettakis 2002).
+    Perspective,
+}
+
+impl MapProjectionArg {
+    fn projection(self) -> MapProjection {
+        match self {
+            MapProjectionArg::Uniform => MapProjection::Uniform,
+            MapProjectionArg::LightSpace => MapProjection::LightSpace,
+            MapProjectionArg::Perspective => MapProjection::Perspective,
         }
     }
 }

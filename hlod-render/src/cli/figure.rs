@@ -13,7 +13,7 @@ use hlod_render::figure::{
 };
 use hlod_render::framing::Framing;
 use hlod_render::leaves::Leaves;
-use hlod_render::scene::{Paint, Painted, Shot};
+use hlod_render::scene::{Paint, Painted, Shadow, Shot};
 use hlod_render::section::{Plane, cut};
 use hlod_render::{Gpu, Model};
 
@@ -129,11 +129,18 @@ pub fn run_shot(cli: &Cli, args: &ShotArgs) -> Outcome {
     let drawn = save_sheet(cli, &mut opened, &sheet, &args.output, dpi)?;
     let problems = opened.problems();
     let gpu = &opened.gpu;
+    let map = match shot.shadow {
+        Shadow::Mapped(map) => Some(serde_json::json!({
+            "projection": map.projection.name(), "texels": map.size, "maps": drawn.maps.maps,
+            "fallbacks": drawn.maps.fallbacks, "denied_share": drawn.maps.denied_share(),
+        })),
+        _ => None,
+    };
     let result = serde_json::json!({
         "output": args.output, "adapter": gpu.describe(), "width": sheet.width, "height": sheet.height,
         "tau_px": shot.error_threshold_px, "triangles": drawn.triangles, "points": drawn.points,
         "nodes": drawn.nodes, "shadow": shot.shadow.name(), "caster_triangles": drawn.caster_triangles,
-        "caster_nodes": drawn.caster_nodes, "problems": problems, "parts": drawn.parts,
+        "caster_nodes": drawn.caster_nodes, "shadow_map": map, "problems": problems, "parts": drawn.parts,
         "unit": unit.name(), "scale": scale.map(|s| s.name()), "dpi": dpi,
         "pixel_mm": pixel_mm(&shot.camera, height, unit),
     });
@@ -291,6 +298,7 @@ pub fn run_plate(cli: &Cli, args: &PlateArgs) -> Outcome {
         light_size: None,
         caster_tau: hlod_render::scene::CASTER_THRESHOLD_PX,
         shadow_exact: false,
+        map: args.map,
         light: vec![-45.0, 30.0],
         spot: None,
         enhance: args.enhance,

@@ -73,6 +73,8 @@ pub struct PlateArgs {
     #[arg(long, value_enum, default_value = "none")]
     pub shadow: args::ShadowArg,
     #[command(flatten)]
+    pub map: args::MapArgs,
+    #[command(flatten)]
     pub enhance: args::EnhanceArgs,
     /// Average N × N samples a pixel, for smooth edges.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=8))]

@@ -158,7 +158,7 @@ fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Fail
         representation: draw.precision.representation.representation(),
         paint: Paint::Shaded,
         error_threshold_px: tau,
-        shadow: draw.shadow.shadow(),
+        shadow: draw.shadow(),
         light_size: args::light_size(draw, light, framing),
         caster_threshold_px: caster_tau,
         sample_offset_px: glam::DVec2::ZERO,

@@ -9,6 +9,7 @@ use hlod_render::audit::shadows::EdgeDistance;
 use hlod_render::bench::BenchReport;
 use hlod_render::figure::scale::Scale;
 use hlod_render::figure::{Drawn, Sheet};
+use hlod_render::shadow_map::{MapCount, TEXEL_MAX_PX};
 use hlod_render::simulate::SimulationReport;
 
 fn table(rows: &[(&str, String)]) -> String {
@@ -30,7 +31,20 @@ pub fn shot(output: &Path, stats: &Drawn, gpu: &Gpu) -> String {
         (triangles, points) => format!("{triangles} triangles and {points} points"),
     };
     let (nodes, adapter) = (stats.nodes, gpu.describe());
-    format!("{}: {primitives} of {nodes} nodes, drawn by {adapter}", output.display())
+    let maps = match stats.maps {
+        MapCount { maps: 0, .. } => String::new(),
+        MapCount { maps, fallbacks, .. } => format!(
+            "; {maps} shadow {}{}, texels longer than {TEXEL_MAX_PX} px on {:.1} % of what is seen up to 60°",
+            if maps == 1 { "map" } else { "maps" },
+            if fallbacks > 0 {
+                format!(", {fallbacks} of them uniform instead")
+            } else {
+                String::new()
+            },
+            100.0 * stats.maps.denied_share()
+        ),
+    };
+    format!("{}: {primitives} of {nodes} nodes, drawn by {adapter}{maps}", output.display())
 }
 
 pub fn plate(output: &Path, sheet: &Sheet, scale: &Scale, gpu: &Gpu) -> String {

@@ -6,7 +6,8 @@ use crate::gpu::Gpu;
 use crate::model::Model;
 use crate::passes::Window;
 use crate::picture::{Canvas, PICTURE_FORMAT};
-use crate::scene::{Enhance, Shot};
+use crate::scene::{Enhance, Shadow, Shot};
+use crate::shadow_map::MapCount;
 use crate::survey::Survey;
 
 use super::marks::Mark;
@@ -71,6 +72,8 @@ pub struct Drawn {
     pub caster_triangles: u64,
     /// Nodes that do.
     pub caster_nodes: u64,
+    /// What came of shadow maps, where there were any.
+    pub maps: MapCount,
 }
 
 /// Told how many of all rows are done.
@@ -143,6 +146,7 @@ impl Sheet {
         }
         let at_once = self.rows_at_once();
         let part = (self.part_width(gpu, at_once), at_once);
+        self.check_maps(part)?;
         // What pixels depend on beyond the part that they are in is drawn as well.
         let reach = |v: &PlacedView| v.shot.finer(n).reach_px().div_ceil(n);
         let margin = self.views.iter().map(reach).max().unwrap_or(0);
@@ -161,6 +165,9 @@ impl Sheet {
             let mut rows = self.blank(count);
             for (view, survey) in self.views.iter().zip(&surveys) {
                 drawn.parts += brush.paint(models, view, survey, (first, count), &mut rows)?;
+                if matches!(view.shot.shadow, Shadow::Mapped(_)) {
+                    drawn.maps.add(brush.renderer.map_count(gpu)?);
+                }
             }
             for mark in &self.marks {
                 mark.draw(&mut rows.rgba, self.width, first);
@@ -169,6 +176,22 @@ impl Sheet {
             progress(first + count, self.height);
         }
         Ok(drawn)
+    }
+
+    /// Shadow maps are fitted to what one drawing shows: parts of a picture would have different ones.
+    fn check_maps(&self, part: (u32, u32)) -> Result<(), RenderError> {
+        let in_parts = |v: &PlacedView| v.width > part.0 || v.y + v.height > part.1;
+        let mapped = |v: &&PlacedView| matches!(v.shot.shadow, Shadow::Mapped(_));
+        match self.views.iter().filter(mapped).find(|v| in_parts(v)) {
+            None => Ok(()),
+            Some(view) => Err(RenderError::Usage(format!(
+                "a picture of {}×{} pixels with {n}×{n} samples each is drawn in parts, and each would have a \
+                 shadow map of its own; try --shadow hard, or a smaller picture",
+                view.width,
+                view.height,
+                n = self.supersampling.max(1),
+            ))),
+        }
     }
 
     /// The page as one picture in memory.

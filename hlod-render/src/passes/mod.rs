@@ -3,6 +3,7 @@
 
 mod chunks;
 mod explain;
+mod map;
 mod relief;
 mod sets;
 mod shadow;
@@ -18,11 +19,14 @@ use crate::clip::PLANES_MAX;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::scene::Shot;
+use crate::shadow_map::MapCount;
 pub(crate) use explain::DrawnPart;
 use explain::Explain;
+pub(crate) use map::MapPlan;
+use map::ShadowMaps;
 use relief::{Relief, ReliefLayout};
 pub(crate) use sets::PassSets;
-use shadow::{DrawnRange, HardShadows, LightFace};
+use shadow::{DrawnRange, HardShadows, How, LightFace};
 use small::SmallTriangles;
 use soft::SoftShadows;
 use targets::{DEPTH_FORMAT, IDENTITY_FORMAT, relief_texture};
@@ -130,6 +134,8 @@ pub(crate) enum DrawnShadow<'a> {
         faces: &'a [FaceUniforms],
         /// Of a light that is a disc.
         is_soft: bool,
+        /// With maps.
+        map: Option<&'a MapPlan>,
     },
     /// For each of the light's faces, what is hidden of points in light space; `None` for pixels
     /// without one.
@@ -162,6 +168,8 @@ pub(crate) struct Passes {
     small: Option<SmallTriangles>,
     shadow: HardShadows,
     soft: SoftShadows,
+    /// Made when it is first needed.
+    maps: Option<ShadowMaps>,
     /// Stands in for occlusion where there are no shadows.
     unoccluded: wgpu::Buffer,
     /// Stands in for directions where relief is not looked at.
@@ -308,6 +316,7 @@ impl Passes {
             small: SmallTriangles::new(gpu, &geometry_layout, &constants),
             shadow: HardShadows::new(gpu, &geometry_layout),
             soft: SoftShadows::new(gpu, &geometry_layout),
+            maps: None,
             unoccluded: buffer(gpu, "unoccluded", 4, wgpu::BufferUsages::STORAGE),
             geometry_layout,
             identity_layout,
@@ -316,6 +325,14 @@ impl Passes {
             output,
             constants,
         }
+    }
+
+    /// What came of the last frame's shadow maps; waits for the GPU.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub(crate) fn map_count(&self, gpu: &Gpu) -> Result<MapCount, RenderError> {
+        self.maps.as_ref().map_or(Ok(MapCount::default()), |maps| maps.count(gpu))
     }
 
     /// Whether points can have other radii in one frame than in another.
@@ -346,15 +363,15 @@ impl Passes {
             DrawnShadow::None => &[],
             DrawnShadow::Cast { faces, .. } | DrawnShadow::Traced { faces, .. } => faces,
         };
+        let mut casting: Vec<&Range> = match drawn.shadow {
+            DrawnShadow::Cast { ranges, .. } => ranges.iter().collect(),
+            _ => Vec::new(),
+        };
+        casting.sort_by_key(|r| (r.uniform, r.cull_backs, r.triangles.start));
         let shadow_work = match drawn.shadow {
             DrawnShadow::None => None,
             DrawnShadow::Cast { .. } | DrawnShadow::Traced { .. } => {
                 check_shadows(gpu, targets)?;
-                let mut casting: Vec<&Range> = match drawn.shadow {
-                    DrawnShadow::Cast { ranges, .. } => ranges.iter().collect(),
-                    _ => Vec::new(),
-                };
-                casting.sort_by_key(|r| (r.uniform, r.cull_backs, r.triangles.start));
                 let mut drawn: Vec<DrawnRange> = ranges
                     .iter()
                     .map(|r| DrawnRange {
@@ -372,6 +389,16 @@ impl Passes {
                 let arenas: Vec<&Arena> = uniforms.iter().map(|(_, arena)| *arena).collect();
                 let (buffers, cells) = self.shadow.shared(work);
                 Some(self.soft.prepare(gpu, buffers, cells, &arenas, targets, area))
+            }
+            _ => None,
+        };
+
+        let map_work = match (&drawn.shadow, &shadow_work) {
+            (DrawnShadow::Cast { map: Some(plan), .. }, Some(work)) => {
+                let new = || ShadowMaps::new(gpu, &self.geometry_layout);
+                let ([samples, _], _) = self.shadow.shared(work);
+                let maps = self.maps.get_or_insert_with(new);
+                Some(maps.prepare(gpu, samples, plan, &casting, targets, area))
             }
             _ => None,
         };
@@ -465,8 +492,12 @@ impl Passes {
         }
         match (&drawn.shadow, &shadow_work) {
             (DrawnShadow::Cast { .. }, Some(work)) => {
-                let soft = soft_work.as_ref().map(|soft| (&self.soft, soft));
-                self.shadow.encode(gpu, &mut encoder, work, soft, &light_faces, targets);
+                let how = match (&soft_work, self.maps.as_ref().zip(map_work.as_ref())) {
+                    (Some(soft), _) => How::Soft(&self.soft, soft),
+                    (None, Some((maps, map_work))) => How::Map(maps, map_work),
+                    (None, None) => How::Exact,
+                };
+                self.shadow.encode(gpu, &mut encoder, work, how, &light_faces, targets);
             }
             (DrawnShadow::Traced { hidden, .. }, Some(work)) => {
                 gpu.queue.submit([encoder.finish()]);

@@ -3,6 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::chunks::Chunks;
+use super::map::{MapWork, ShadowMaps};
 use super::soft::{SoftShadows, SoftWork};
 use super::{
     Hidden, Range, Rectangle, Targets, buffer, compute_pipelines, constants, entry, storage_entry,
@@ -67,6 +68,17 @@ pub(super) struct HardShadows {
 pub(super) struct LightFace<'a> {
     pub(super) receivers: Vec<(&'a wgpu::BindGroup, u32)>,
     pub(super) casters: Vec<(&'a wgpu::BindGroup, u32)>,
+}
+
+/// How what is hidden from the light is found.
+#[derive(Clone, Copy)]
+pub(super) enum How<'a> {
+    /// Every triangle against every point that it may hide.
+    Exact,
+    /// And how much of the light, of one that is a disc.
+    Soft(&'a SoftShadows, &'a SoftWork),
+    /// With a map.
+    Map(&'a ShadowMaps, &'a MapWork),
 }
 
 /// What one frame gives to the passes.
@@ -213,19 +225,21 @@ impl HardShadows {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         work: &Work,
-        soft: Option<(&SoftShadows, &SoftWork)>,
+        how: How<'_>,
         faces: &[LightFace<'_>],
         targets: &Targets,
     ) {
         encoder.clear_buffer(targets.occlusion(gpu), 0, None);
         let Rectangle { width, height, .. } = work.area;
         let (columns, rows) = (width.div_ceil(SIDE), height.div_ceil(SIDE));
-        for face in faces {
-            encoder.clear_buffer(&self.cells, 0, None);
-            // Their number.
-            encoder.clear_buffer(&self.tiles, 0, Some(16));
-            if let Some((shadows, _)) = soft {
+        for (number, face) in faces.iter().enumerate() {
+            if let How::Soft(shadows, _) = how {
                 shadows.begin_face(encoder);
+            }
+            if !matches!(how, How::Map(..)) {
+                encoder.clear_buffer(&self.cells, 0, None);
+                // Their number.
+                encoder.clear_buffer(&self.tiles, 0, Some(16));
             }
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some("shadow"),
@@ -238,6 +252,11 @@ impl HardShadows {
                 pass.dispatch_workgroups(columns, rows, 1);
             }
             let Some(&(bind_group, offset)) = face.casters.first() else { continue };
+            if let How::Map(shadows, map_work) = how {
+                drop(pass);
+                shadows.encode(encoder, map_work, number, face);
+                continue;
+            }
             pass.set_bind_group(0, bind_group, &[offset]);
             pass.set_pipeline(&self.measure);
             pass.dispatch_workgroups(width.div_ceil(COLUMN), height.div_ceil(COLUMN), 1);
@@ -245,7 +264,7 @@ impl HardShadows {
             pass.dispatch_workgroups(1, 1, 1);
             pass.set_pipeline(&self.bin);
             pass.dispatch_workgroups(columns, rows, 1);
-            if let Some((shadows, soft_work)) = soft {
+            if let How::Soft(shadows, soft_work) = how {
                 shadows.encode(&mut pass, work, soft_work, face);
                 continue;
             }

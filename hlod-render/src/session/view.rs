@@ -266,7 +266,8 @@ impl From<Shadow> for ShadowName {
     fn from(shadow: Shadow) -> Self {
         match shadow {
             Shadow::None => ShadowName::None,
-            Shadow::Hard => ShadowName::Hard,
+            // Maps are drawn for comparison alone; sessions keep what they stand for.
+            Shadow::Hard | Shadow::Mapped(_) => ShadowName::Hard,
             Shadow::Soft => ShadowName::Soft,
             Shadow::Traced => ShadowName::Traced,
         }
