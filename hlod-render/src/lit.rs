@@ -5,7 +5,8 @@ use glam::{DMat4, DVec3, Vec4};
 use crate::light_space::{Face, faces};
 use crate::passes::{FaceUniforms, FrameUniform, MapPlan, Targets};
 use crate::scene::{Light, Shot};
-use crate::shadow_map::{ShadowMap, homography};
+use crate::select::corners;
+use crate::shadow_map::{MapProjection, ShadowMap, homography, picture_of};
 use crate::traced::{LIGHT_RAYS, Tracer};
 
 /// The light of one frame.
@@ -61,16 +62,18 @@ impl Lit {
         let (width, height) = targets.window().picture();
         let seen = (&shot.camera, f64::from(width) / f64::from(height));
         let of_face = |face| homography(map.projection, face, seen, self.centre, &self.points);
-        let corner = |(low, high): (DVec3, DVec3)| {
-            (low - self.centre).abs().max((high - self.centre).abs()).length()
-        };
+        let placed = bounds.flat_map(|(low, high)| corners(low, high).map(|p| p - self.centre));
+        let all: Vec<DVec3> = placed.collect();
         let reach = match shot.light {
             // And a little more, for nodes reach beyond by their errors.
-            Light::Directional(_) => 1.5 * bounds.map(corner).fold(0.0, f64::max),
+            Light::Directional(_) => 1.5 * all.iter().map(|p| p.length()).fold(0.0, f64::max),
             Light::Point(_) => self.faces.first().map_or(0.0, |face| face.near),
         };
         let homographies = self.faces.iter().map(of_face).collect();
-        MapPlan { map, homographies, reach: reach as f32 }
+        let picture = |face: &Face| picture_of(face, &all);
+        let fixed = (map.projection == MapProjection::Plain)
+            .then(|| self.faces.iter().map(picture).collect());
+        MapPlan { map, homographies, fixed, reach: reach as f32 }
     }
 
     /// For each of the light's faces, what shaders know of it and of these arenas.

@@ -18,7 +18,9 @@ use crate::light_space::Face;
 /// How a map looks at what the light sees.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum MapProjection {
-    /// As the light does.
+    /// As the light does, at everything that casts.
+    Plain,
+    /// As the light does, at what is visible; as the following.
     Uniform,
     /// With a perspective across the light's rays, along the line of sight.
     LightSpace,
@@ -28,12 +30,17 @@ pub enum MapProjection {
 
 impl MapProjection {
     /// Every one.
-    pub const ALL: [MapProjection; 3] =
-        [MapProjection::Uniform, MapProjection::LightSpace, MapProjection::Perspective];
+    pub const ALL: [MapProjection; 4] = [
+        MapProjection::Plain,
+        MapProjection::Uniform,
+        MapProjection::LightSpace,
+        MapProjection::Perspective,
+    ];
 
     /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
+            MapProjection::Plain => "plain",
             MapProjection::Uniform => "uniform",
             MapProjection::LightSpace => "light-space",
             MapProjection::Perspective => "perspective",
@@ -41,7 +48,7 @@ impl MapProjection {
     }
 }
 
-/// A shadow map: one for each of the light's faces, fitted to what is visible.
+/// A shadow map: one for each of the light's faces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct ShadowMap {
     /// How it looks.
@@ -101,7 +108,7 @@ pub(crate) fn homography(
     // Rows of light space that rays have.
     let [x, y, _, w] = rows(&face.light_from_world);
     let matrix = match projection {
-        MapProjection::Uniform => return None,
+        MapProjection::Plain | MapProjection::Uniform => return None,
         MapProjection::LightSpace => light_space(&view, [x, y, w], receivers)?,
         MapProjection::Perspective => perspective(&view, [x, y, w])?,
     };
@@ -114,6 +121,26 @@ pub(crate) fn homography(
     let matrix = matrix * (1.0 / scale);
     let turn = DVec3::new(matrix.determinant().signum(), 1.0, 1.0);
     Some(DMat3::from_diagonal(turn) * matrix)
+}
+
+/// What of a face's picture some points take up: all of it where one lies beside or behind a lamp.
+pub(crate) fn picture_of(face: &Face, points: &[DVec3]) -> [DVec2; 2] {
+    /// A face sees no more: see [`crate::light_space::faces`].
+    const TANGENT_MAX: f64 = 3.2;
+    let widest = if face.limit > 0.0 { face.limit } else { TANGENT_MAX };
+    let mut bounds = [DVec2::INFINITY, DVec2::NEG_INFINITY];
+    for point in points {
+        let p = face.light_from_world * point.extend(1.0);
+        let at = DVec2::new(p.x, p.y) / p.w;
+        let is_lamp = face.near > 0.0;
+        if is_lamp && (p.w <= face.near || at.abs().max_element() > widest) {
+            return [DVec2::splat(-widest), DVec2::splat(widest)];
+        }
+        bounds = [bounds[0].min(at), bounds[1].max(at)];
+    }
+    // Levels of detail reach beyond the scan by their errors.
+    let margin = (bounds[1] - bounds[0]) * 1e-3;
+    [bounds[0] - margin, bounds[1] + margin]
 }
 
 fn rows(matrix: &DMat4) -> [DVec4; 4] {

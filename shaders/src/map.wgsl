@@ -66,6 +66,9 @@ fn fit() {
         low = -vec2(largest[0], largest[1]);
         high = vec2(largest[2], largest[3]);
     }
+    if map.view.is_fixed != 0u {
+        return;
+    }
     map.view.is_fallback = u32(is_fallback);
     map.view.low = low;
     map.view.high = high;

@@ -11,13 +11,15 @@ struct MapView {
     spread_max: f32,
     // Longest texel in pixels that is not denied.
     texel_max: f32,
-    // Of visible points on its plane.
+    // What of its plane the picture shows.
     low: vec2<f32>,
     high: vec2<f32>,
     // Of parallel light, how far anything is from the middle of light space; of lamps how near to them casts.
     reach: f32,
     // 1 where it had to be uniform.
     is_fallback: u32,
+    // 1 where it is not fitted to what is visible.
+    is_fixed: u32,
 }
 
 // Depth in the map: 1 is near, 0 is nothing. Of lamps it is the nearest distance that casts ÷ the distance, so that

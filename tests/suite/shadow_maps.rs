@@ -89,7 +89,7 @@ fn perspective_denies_fewer_pixels_of_a_floor_seen_from_near() {
         assert_eq!(found.fallbacks, 0, "{projection:?}");
         found.denied_share()
     };
-    let [uniform, light_space, perspective] =
+    let [_, uniform, light_space, perspective] =
         MapProjection::ALL.map(|projection| share(&mut scene, projection, 2048));
     assert!(
         uniform > light_space && uniform > perspective,

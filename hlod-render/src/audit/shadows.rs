@@ -11,6 +11,7 @@ use crate::frame::Renderer;
 use crate::gpu::Gpu;
 use crate::picture::Canvas;
 use crate::scene::{Material, Shadow, Shot};
+use crate::shadow_map::MapCount;
 use hlod_compress::srgb::linear_from_srgb;
 
 /// Angles of incidence up to which edges are scored, degrees.
@@ -31,6 +32,19 @@ pub struct ShadowEdge {
     pub leak_pixels: u64,
     /// Pixels up to 60° that were looked at.
     pub pixels: u64,
+    /// Shadow maps, where there were any: in all views.
+    pub maps: Option<Maps>,
+}
+
+/// What came of shadow maps.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Maps {
+    /// How many.
+    pub maps: u32,
+    /// Of them, those that were uniform though something else was asked for.
+    pub fallbacks: u32,
+    /// Share of the pixels up to 60° on which a texel is longer than [`crate::shadow_map::TEXEL_MAX_PX`].
+    pub denied_share: f64,
 }
 
 /// In pixels; the worse of both directions.
@@ -54,6 +68,7 @@ pub(super) struct ShadowScores {
     acne: u64,
     leaks: u64,
     pixels: u64,
+    maps: MapCount,
 }
 
 impl ShadowScores {
@@ -61,6 +76,7 @@ impl ShadowScores {
         for (mine, others) in self.edges.iter_mut().zip(&other.edges) {
             mine.iter_mut().zip(others).for_each(|(a, b)| a.merge(b));
         }
+        self.maps.add(other.maps);
         self.acne += other.acne;
         self.leaks += other.leaks;
         self.pixels += other.pixels;
@@ -82,6 +98,11 @@ impl ShadowScores {
             acne_pixels: self.acne,
             leak_pixels: self.leaks,
             pixels: self.pixels,
+            maps: (self.maps.maps > 0).then(|| Maps {
+                maps: self.maps.maps,
+                fallbacks: self.maps.fallbacks,
+                denied_share: self.maps.denied_share(),
+            }),
         }
     }
 }
@@ -99,8 +120,13 @@ pub(super) fn compare_shadows(
     let canvas = Canvas::new(gpu, size.0, size.1)?;
     let cosines = cosines(gpu, renderer, truth, shot, &canvas)?;
     let drawn = hidden(gpu, renderer, drawn, shot, &canvas)?;
+    let maps = match shot.shadow {
+        // Those of the last of the pictures.
+        Shadow::Mapped(_) => renderer.map_count(gpu)?,
+        _ => MapCount::default(),
+    };
     let truth = hidden(gpu, renderer, truth, &Shot { shadow: Shadow::Traced, ..*shot }, &canvas)?;
-    Ok(score(&drawn, &truth, &cosines, is_smooth))
+    Ok(ShadowScores { maps, ..score(&drawn, &truth, &cosines, is_smooth) })
 }
 
 /// What is hidden from the light, at [`SUBPIXELS`] positions a pixel: as many pictures, each with its

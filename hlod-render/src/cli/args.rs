@@ -215,7 +215,9 @@ fn map_size() -> clap::builder::RangedI64ValueParser<u32> {
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum MapProjectionArg {
-    /// As the light looks.
+    /// As the light looks, at everything: what most programs have.
+    Plain,
+    /// As the light looks, at what is visible; as the others do.
     Uniform,
     /// Light-space perspective (Wimmer et al. 2004).
     LightSpace,
@@ -226,6 +228,7 @@ pub enum MapProjectionArg {
 impl MapProjectionArg {
     fn projection(self) -> MapProjection {
         match self {
+            MapProjectionArg::Plain => MapProjection::Plain,
             MapProjectionArg::Uniform => MapProjection::Uniform,
             MapProjectionArg::LightSpace => MapProjection::LightSpace,
             MapProjectionArg::Perspective => MapProjection::Perspective,

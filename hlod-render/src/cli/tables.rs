@@ -154,6 +154,12 @@ pub fn audit(r: &AuditReport) -> String {
         ("silhouette scored", format!("{:.1} %", 100.0 * s.scored_share)),
     ];
     let mut rows = rows.to_vec();
+    if let Some(maps) = r.shadow_edge_px.as_ref().and_then(|edge| edge.maps) {
+        rows.extend([
+            ("shadow maps", format!("{}, {} uniform instead", maps.maps, maps.fallbacks)),
+            ("… texels too long", format!("{:.1} % of pixels", 100.0 * maps.denied_share)),
+        ]);
+    }
     if let Some(edge) = &r.shadow_edge_px {
         let share = |d: &EdgeDistance| format!("{:.1} %", 100.0 * d.scored_share);
         rows.extend([

@@ -1,7 +1,7 @@
 //! Hard shadows with maps, to be compared with those without: see `map.wgsl`.
 
 use bytemuck::{Pod, Zeroable};
-use glam::DMat3;
+use glam::{DMat3, DVec2};
 
 use super::shadow::LightFace;
 use super::targets::DEPTH_FORMAT;
@@ -27,7 +27,8 @@ struct MapState {
     high: [f32; 2],
     reach: f32,
     is_fallback: u32,
-    _room: [u32; 2],
+    is_fixed: u32,
+    _room: u32,
     judged: u32,
     denied: u32,
     largest: [u32; 10],
@@ -60,6 +61,8 @@ pub(crate) struct MapPlan {
     pub(crate) map: ShadowMap,
     /// One for each face; see [`crate::shadow_map::homography`].
     pub(crate) homographies: Vec<Option<DMat3>>,
+    /// What the picture of each face shows; where that is not fitted to what is visible.
+    pub(crate) fixed: Option<Vec<[DVec2; 2]>>,
     /// Of parallel light how far anything is from the middle of light space; of lamps the least distance at which
     /// anything casts.
     pub(crate) reach: f32,
@@ -183,11 +186,13 @@ impl ShadowMaps {
             .map(|group| (group[0].uniform, group[0].cull_backs, group.len() as u32))
             .collect();
         let error = casting.iter().map(|r| r.error).fold(0.0, f32::max);
-        let is_uniform = plan.map.projection == MapProjection::Uniform;
+        let is_uniform =
+            matches!(plan.map.projection, MapProjection::Plain | MapProjection::Uniform);
         self.states.clear();
         let mut groups = Vec::new();
-        for homography in &plan.homographies {
-            let state = MapState::new(homography.as_ref(), plan, error);
+        for (face, homography) in plan.homographies.iter().enumerate() {
+            let fixed = plan.fixed.as_ref().map(|fixed| fixed[face]);
+            let state = MapState::new(homography.as_ref(), fixed, plan, error);
             let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
             let buffer = buffer(gpu, "map state", size_of::<MapState>() as u64, usage);
             gpu.queue.write_buffer(&buffer, 0, bytemuck::bytes_of(&state));
@@ -286,7 +291,13 @@ impl ShadowMaps {
 }
 
 impl MapState {
-    fn new(homography: Option<&DMat3>, plan: &MapPlan, error: f32) -> MapState {
+    fn new(
+        homography: Option<&DMat3>,
+        fixed: Option<[DVec2; 2]>,
+        plan: &MapPlan,
+        error: f32,
+    ) -> MapState {
+        let [low, high] = fixed.unwrap_or_default().map(|corner| corner.as_vec2().to_array());
         let columns = homography.unwrap_or(&DMat3::IDENTITY).to_cols_array_2d();
         MapState {
             homography: columns.map(|[x, y, z]| [x as f32, y as f32, z as f32, 0.0]),
@@ -295,6 +306,9 @@ impl MapState {
             spread_max: SPREAD_MAX,
             texel_max: TEXEL_MAX_PX,
             reach: plan.reach,
+            is_fixed: u32::from(fixed.is_some()),
+            low,
+            high,
             ..MapState::zeroed()
         }
     }

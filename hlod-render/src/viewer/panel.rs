@@ -255,7 +255,7 @@ fn light(ui: &mut Ui, settings: &mut Settings, readings: &Readings, wishes: &mut
     }
     let is_soft = settings.shadow == Shadow::Soft;
     let size = Slider::new(&mut settings.light_size_deg, 0.0..=20.0).suffix("°").max_decimals(1);
-    ui.add_enabled(is_soft, size.text("light's size"))
+    ui.add_enabled(is_soft, size.text("wide"))
         .on_hover_text("the angle under which the light is seen; 0 casts hard shadows");
 }
 
@@ -352,7 +352,7 @@ fn looks(ui: &mut Ui, settings: &mut Settings, readings: &Readings) {
         .max_decimals(1)
         .suffix(" px")
         .clamping(egui::SliderClamping::Edits);
-    ui.add_enabled(bends && (!is_shaded || *strength > 0.0), radius.text("its size"))
+    ui.add_enabled(bends && (!is_shaded || *strength > 0.0), radius.text("wide"))
         .on_hover_text("relief is looked for within so many pixels: half a stroke's width");
     let Material { ambient, highlight, .. } = &mut settings.material;
     ui.add(Slider::new(ambient, 0.0..=0.6).max_decimals(2).text("ambient"));

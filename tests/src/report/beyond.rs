@@ -10,7 +10,7 @@ use super::markdown::{Section, fixed, whole};
 use super::models::{Model, Stock};
 use super::plots::{Curve, plot_curves};
 use super::programs::{Line, number, text};
-use super::turns::{ROUNDS, median};
+use super::turns::{ROUNDS, Turns, median};
 use super::{Extent, Target};
 
 /// Above this many triangles a share of nodes is verified, and no picture is compared with the scan.
@@ -141,6 +141,76 @@ pub(super) fn pictures(
             or_dash(number(&hard, "shadow_edge_px.deg60.p999")),
             or_dash(number(&hard, "shadow_edge_px.deg60.scored_share")),
         ]);
+    }
+    Ok(section)
+}
+
+/// Ways to draw hard shadows: name, and options of `hlod-render`.
+const WAYS: [(&str, &str); 7] = [
+    ("ours", "--shadow hard"),
+    ("plain map, 2048²", "--shadow map --map-projection plain --map-size 2048"),
+    ("uniform map, 1024²", "--shadow map --map-projection uniform --map-size 1024"),
+    ("uniform map, 2048²", "--shadow map --map-projection uniform --map-size 2048"),
+    ("light-space map, 2048²", "--shadow map --map-projection light-space --map-size 2048"),
+    ("perspective map, 2048²", "--shadow map --map-projection perspective --map-size 2048"),
+    ("perspective map, 4096²", "--shadow map --map-projection perspective --map-size 4096"),
+];
+
+/// What shadows without maps gain.
+pub(super) fn shadow_maps(
+    models: &[Model],
+    stock: &Stock<'_>,
+    extent: &Extent,
+    say: &mut dyn FnMut(&str),
+) -> Result<Section, ReportError> {
+    let mut section = Section::new(
+        "Shadow maps",
+        "Hard shadows with and without maps, of the same levels of detail. Maps but for the plain one are fitted to what \
+         is visible. Time of the median frame along `orbit`, 640×480 (`hlod-render bench`), all in turns, five rounds; edges against \
+         rays (`hlod-render audit`), below 2 M triangles, τ = τ_c = 0.5 px: 99.9 % at up to 15° and 60° of incidence, \
+         pixels dark or lit for no reason, and on how many a texel is longer than 0.35 px.",
+        &["model", "way", "ms", "× none", "edge 15°", "edge 60°", "dark · lit", "texel too long"],
+    );
+    for model in models.iter().filter(|model| model.triangles < 1e7) {
+        say(&format!("shadow maps: {}", model.name));
+        let bench = |options: &str| {
+            let line = Line::new("hlod-render").words("bench").with(&model.file).words("--path");
+            let frames = extent.light_frames;
+            line.words(&format!("bench-paths/orbit.json --frames {frames} {options}"))
+        };
+        let mut lines = vec![bench("--shadow none")];
+        lines.extend(WAYS.map(|(_, options)| bench(options)));
+        let turns = Turns::take(stock.programs, &lines)?;
+        if model.triangles < LARGE {
+            stock.make_scan(&model.scan, (&model.name, model.is_statue), say)?;
+        }
+        for (i, (way, options)) in WAYS.into_iter().enumerate() {
+            let mut row = vec![
+                model.name.clone(),
+                way.to_owned(),
+                fixed(turns.frames(i + 1).ms, 1),
+                fixed(turns.ratio(0, i + 1), 2),
+            ];
+            if model.triangles < LARGE {
+                say(&format!("shadow maps: {}, {way}", model.name));
+                let line = Line::new("hlod-render").words("audit").with(&model.file);
+                let line = line.words("--against").with(&model.scan);
+                let views = extent.views;
+                let audit =
+                    stock.programs.json(&line.words(&format!("--views {views} {options}")))?;
+                let of = |key: &str| number(&audit, &format!("shadow_edge_px.{key}"));
+                row.push(fixed(of("deg15.p999")?, 2));
+                row.push(fixed(of("deg60.p999")?, 2));
+                row.push(format!("{} · {}", whole(of("acne_pixels")?), whole(of("leak_pixels")?)));
+                let denied = of("maps.denied_share");
+                row.push(
+                    denied.map_or("–".into(), |share| format!("{} %", fixed(100.0 * share, 1))),
+                );
+            } else {
+                row.extend(vec!["–".to_owned(); 4]);
+            }
+            section.row(row);
+        }
     }
     Ok(section)
 }

@@ -144,6 +144,7 @@ pub fn report(
             5 => beyond::decoding(&models)?,
             6 => beyond::policies(&models, &stock, &extent)?,
             7 => beyond::pictures(&models, &stock, &extent, &mut targets, say)?,
+            8 => beyond::shadow_maps(&models, &stock, &extent, say)?,
             _ => beyond::builds(&models, &stock, &options.output, &mut targets, say)?,
         });
         // What was measured stays, whatever comes after it.
@@ -159,7 +160,7 @@ pub fn report(
 }
 
 /// Parts of the report.
-const PARTS: usize = 9;
+const PARTS: usize = 10;
 
 fn models_of(
     stock: &Stock<'_>,

@@ -1,6 +1,7 @@
 //! The panel without a window: its buttons, fields and sliders are found by the names that screen readers have for them,
 //! and pressed.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use egui_kittest::Harness;
@@ -9,9 +10,9 @@ use glam::DVec3;
 
 use super::*;
 use crate::gpu::{AdapterChoice, Gpu};
-use crate::measure::{MeasurementKind, SurfacePoint};
+use crate::measure::{Measured, Measurement, MeasurementKind, SurfacePoint};
 use crate::model::{Model, ModelLimits};
-use crate::session::{ScaleCorrection, Session};
+use crate::session::{Note, NoteShape, ScaleCorrection, SectionPlane, Session};
 use crate::viewer::work::Change;
 use crate::viewer::work::tool::{Standing, Task};
 
@@ -22,6 +23,8 @@ struct Shown {
     readings: Readings,
     work: Work,
     actions: Vec<Action>,
+    /// What it takes up, and what there is, in points.
+    widths: [f32; 2],
     _folder: tempfile::TempDir,
 }
 
@@ -47,12 +50,15 @@ fn panel() -> Harness<'static, Shown> {
         },
         work: Work::open(&file, None, &model, || {}),
         actions: Vec::new(),
+        widths: [0.0; 2],
         _folder: folder,
     };
     let contents = |ui: &mut Ui, shown: &mut Shown| {
         let mut wishes = Wishes::default();
+        let room = ui.available_width();
         let Shown { settings, preferences, readings, work, actions, .. } = shown;
         contents(ui, (settings, preferences), readings, work, &mut wishes);
+        shown.widths = [ui.min_rect().width(), room];
         actions.append(&mut wishes.actions);
         for change in wishes.changes {
             work.change(change, Instant::now());
@@ -60,6 +66,74 @@ fn panel() -> Harness<'static, Shown> {
     };
     // As high as all of it: nothing has to be scrolled to.
     Harness::builder().with_size(egui::vec2(WIDTH, 2400.0)).build_ui_state(contents, shown)
+}
+
+fn surface_point(x: f64) -> SurfacePoint {
+    SurfacePoint {
+        position: [x, 0.0, 0.0],
+        normal: [0.0, 1.0, 0.0],
+        file_bound: 0.001,
+        pixel_length: None,
+    }
+}
+
+#[test]
+fn nothing_is_wider_than_the_panel() {
+    let mut panel = panel();
+    panel.run();
+    let unit = hlod_compress::Unit::Unknown;
+    let full = move |session: &mut Session| {
+        let scale = ScaleCorrection::new([0.0, 10.0].map(surface_point), unit).unwrap();
+        session.scale = Some(ScaleCorrection { known_length: 123_456.789, ..scale });
+        let section = |i: u32, opens| SectionPlane {
+            name: format!("Section {i} through the left shoulder and the plinth"),
+            normal: [1.0, 0.0, 0.0],
+            offset: 123_456.789,
+            shown: true,
+            opens,
+        };
+        session.sections = Arc::new(vec![section(1, true), section(12, false), section(13, false)]);
+        let value = Measured {
+            value: 123_456.789,
+            file_bound: Some(0.123),
+            delta: Some([-123_456.789; 3]),
+        };
+        let results = MeasurementKind::ALL.map(|kind| Measurement {
+            name: "from the left brow to the chin 123".to_owned(),
+            kind,
+            points: [0.0, 3.0, 10.0].map(surface_point).to_vec(),
+            result: Some(value),
+        });
+        session.measurements = Arc::new(results.to_vec());
+        let note = Note {
+            title: "a crack that runs from the brow to the left ear".to_owned(),
+            text: "It was there in 1903 already.".to_owned(),
+            category: "damage".to_owned(),
+            colour: "#d55e00".to_owned(),
+            shape: NoteShape::Point,
+            points: vec![surface_point(1.0)],
+            area: None,
+        };
+        session.notes = Arc::new(vec![note]);
+    };
+    let edit = Box::new(full);
+    panel.state_mut().work.change(Change { what: "all", gradual: false, edit }, Instant::now());
+    let widths = |panel: &mut Harness<'_, Shown>| {
+        panel.run();
+        panel.state().widths
+    };
+    let [taken, room] = widths(&mut panel);
+    assert!(taken <= room + 0.5, "{taken} of {room} points");
+    for light in ["lamp", "spot"] {
+        press(&mut panel, light);
+        let [taken, room] = panel.state().widths;
+        assert!(taken <= room + 0.5, "{light}: {taken} of {room} points");
+    }
+    for paint in Paint::ALL {
+        panel.state_mut().settings.paint = paint;
+        let [taken, room] = widths(&mut panel);
+        assert!(taken <= room + 0.5, "{paint:?}: {taken} of {room} points");
+    }
 }
 
 fn press(panel: &mut Harness<'_, Shown>, name: &str) {
@@ -109,14 +183,8 @@ fn axes_are_chosen_undone_and_shown_in_words() {
 fn a_known_length_is_typed_and_taken_back() {
     let mut panel = panel();
     panel.run();
-    let point = |x: f64| SurfacePoint {
-        position: [x, 0.0, 0.0],
-        normal: [0.0, 1.0, 0.0],
-        file_bound: 0.001,
-        pixel_length: None,
-    };
     let unit = hlod_compress::Unit::Unknown;
-    let scale = ScaleCorrection::new([point(0.0), point(10.0)], unit).unwrap();
+    let scale = ScaleCorrection::new([0.0, 10.0].map(surface_point), unit).unwrap();
     let edit = Box::new(move |session: &mut Session| session.scale = Some(scale));
     panel
         .state_mut()

@@ -295,14 +295,15 @@ pub fn sections(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
     tools(ui, work, wishes, |task| task == Task::Section);
     for (i, section) in sections.iter().enumerate() {
         let [r, g, b] = PLANE_COLOURS[i.min(SECTIONS_MAX - 1)];
-        ui.horizontal(|ui| {
+        let name = ui.horizontal_wrapped(|ui| {
             let mut shown = section.shown;
-            if ui.checkbox(&mut shown, "").on_hover_text("show its outline").changed() {
+            let name = RichText::new(&section.name).color(egui::Color32::from_rgb(r, g, b));
+            let name = ui.checkbox(&mut shown, name).on_hover_text("show its outline");
+            if name.changed() {
                 wishes.change("show section", move |s| {
                     Arc::make_mut(&mut s.sections)[i].shown = shown
                 });
             }
-            ui.label(RichText::new(&section.name).color(egui::Color32::from_rgb(r, g, b)));
             let mut opens = section.opens;
             let hover = "without what is on the other side";
             if ui.checkbox(&mut opens, "cut open").on_hover_text(hover).changed() {
@@ -320,18 +321,19 @@ pub fn sections(ui: &mut Ui, work: &Work, wishes: &mut Wishes) {
                     drop(Arc::make_mut(&mut s.sections).remove(i))
                 });
             }
+            name.id
         });
+        let name = name.inner;
         let normal = DVec3::from_array(section.normal);
         let reach = (high - low).dot(normal.abs()) / 2.0;
         let middle = normal.dot((low + high) / 2.0);
         let mut offset = section.offset;
-        ui.horizontal(|ui| {
+        ui.horizontal_wrapped(|ui| {
             let slider =
                 Slider::new(&mut offset, middle - reach..=middle + reach).show_value(false);
-            let value = ui.add(slider).changed()
-                | ui.add(DragValue::new(&mut offset).speed(reach / 500.0).max_decimals(3))
-                    .changed();
-            if value {
+            let slid = ui.add(slider).labelled_by(name).changed();
+            let typed = DragValue::new(&mut offset).speed(reach / 500.0).max_decimals(3);
+            if slid | ui.add(typed).labelled_by(name).changed() {
                 wishes.adjust("move section", move |s| {
                     Arc::make_mut(&mut s.sections)[i].offset = offset
                 });
@@ -387,7 +389,8 @@ fn note(ui: &mut Ui, note: &Note, i: usize, unit: &str, wishes: &mut Wishes) {
             wishes.adjust("note's colour", move |s| Arc::make_mut(&mut s.notes)[i].colour = colour);
         }
         let mut title = note.title.clone();
-        if ui.add(TextEdit::singleline(&mut title).desired_width(120.0)).changed() {
+        let field = TextEdit::singleline(&mut title).hint_text("title").desired_width(120.0);
+        if ui.add(field).changed() {
             wishes.adjust("note's title", move |s| Arc::make_mut(&mut s.notes)[i].title = title);
         }
         if remove(ui) {
