@@ -49,6 +49,10 @@ mod verify;
 pub use compare::{CompareReport, Direction, NormalDeviation, compare};
 pub use error::BuildError;
 pub use export::{ExportReport, Selection, export};
+#[cfg(feature = "bench")]
+#[doc(hidden)]
+pub use simplify::hot;
+
 pub use info::{Info, Level, ScalarInfo, SourceInfo, info};
 pub use ingest::Precision;
 pub use kept::KeptScalar;

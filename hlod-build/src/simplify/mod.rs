@@ -18,6 +18,8 @@ mod chains;
 mod collapse;
 mod dust;
 mod emit;
+#[cfg(feature = "bench")]
+pub mod hot;
 mod prepare;
 mod quadric;
 mod queue;
