@@ -46,6 +46,8 @@ pub struct CasterView {
     frusta: Vec<Frustum>,
     /// τ_c.
     threshold_px: f64,
+    /// γ.
+    intensity_step: f64,
     /// Nothing else is relevant than what may cast on these, too: those of a part of the picture.
     near: Option<Vec<Frustum>>,
 }
@@ -62,9 +64,6 @@ struct Frustum {
     /// Bounds of the box, world space.
     bounds: [DVec3; 2],
 }
-
-/// γ: how much of the light may be hidden or not by what casters are wrong by.
-pub const INTENSITY_STEP: f64 = 1.0 / 64.0;
 
 impl CasterView {
     /// For the nodes drawn of any model, by depth, given by corners of their boxes in world space;
@@ -119,6 +118,7 @@ impl CasterView {
             light_radius: radius,
             frusta: frusta.collect(),
             threshold_px,
+            intensity_step: shot.intensity_step,
             near: None,
         }
     }
@@ -251,7 +251,7 @@ impl Measure for CasterView {
             };
             // In pixels of shift, as if there were no blur: τ_c is what remains.
             let allowed =
-                self.threshold_px * nearest / (f.pixels * f.reach) + INTENSITY_STEP * blur;
+                self.threshold_px * nearest / (f.pixels * f.reach) + self.intensity_step * blur;
             match self.threshold_px > 0.0 {
                 true => self.threshold_px * error * self.scale / allowed,
                 false => f64::INFINITY,
@@ -323,6 +323,7 @@ mod tests {
             shadow: Shadow::Soft,
             light_size,
             caster_threshold_px: 0.5,
+            intensity_step: crate::scene::INTENSITY_STEP,
             sample_offset_px: DVec2::ZERO,
             draw_backs: false,
             backs_magenta: false,
@@ -381,6 +382,29 @@ mod tests {
             let shift_px = error * leverage / pixel;
             prop_assert!(shift_px <= threshold_px * (1.0 + 1e-9), "{shift_px} px at {point}");
         }
+    }
+
+    #[test]
+    fn steps_of_brightness_are_allowed_where_penumbrae_are_wide_alone() {
+        let casters = tree_of(4, NormalCone::ALL, RepresentationKind::Geometric);
+        let floor = corners(DVec3::new(-1.0, -9.0, -1.0), DVec3::new(1.0, -8.0, 1.0));
+        let camera = camera(DVec3::new(0.0, -5.0, 12.0), DVec3::new(0.0, -8.0, 0.0));
+        let root_px = |light_size: f64, intensity_step: f64| {
+            let shot =
+                Shot { intensity_step, ..shot(camera, Light::Directional(DVec3::Y), light_size) };
+            let view = CasterView::new(&shot, SIZE, &[(0, floor)], 0.5, DMat4::IDENTITY);
+            view.error_px(0.1, &casters.nodes()[0])
+        };
+        assert_eq!(root_px(0.0, 0.5), root_px(0.0, 0.0), "hard edges have no penumbra");
+        assert_eq!(root_px(3.0, 0.0), root_px(0.0, 0.0), "no step is allowed");
+        // A caster that is wrong by e moves an edge by e, and a point in a penumbra that is w wide sees e / w
+        // more or less of the light: as much as γ allows when e = γ w, besides what τ_c allows.
+        let [gap, gamma] = [7.0, 1.0 / 64.0];
+        let width = 2.0 * 1.5f64.to_radians().tan() * gap;
+        let allowed = |px: f64| 0.5 * 0.1 / px;
+        let more = allowed(root_px(3.0, gamma)) - allowed(root_px(3.0, 0.0));
+        // The floor's box along the camera's axes is a little nearer.
+        assert!((0.85..=1.0).contains(&(more / (gamma * width))), "{more} {}", gamma * width);
     }
 
     #[test]

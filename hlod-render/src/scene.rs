@@ -336,6 +336,9 @@ impl Shadow {
 /// at 60°; measured, 0.28 and 0.56 at most (99.9 %, `bench-paths/NOTES.md`).
 pub const CASTER_THRESHOLD_PX: f64 = 0.5;
 
+/// γ unless said otherwise.
+pub const INTENSITY_STEP: f64 = 1.0 / 64.0;
+
 /// τ and τ_c with which that is below a pixel up to 60°: 0.93.
 pub const EXACT_THRESHOLDS_PX: (f64, f64) = (0.25, 0.25);
 
@@ -367,6 +370,8 @@ pub struct Shot {
     pub light_size: f64,
     /// τ_c in pixels: see [`crate::casters`].
     pub caster_threshold_px: f64,
+    /// γ: how much of a light that is a disc may be hidden or not, in the penumbra, by what casters are wrong by.
+    pub intensity_step: f64,
     /// Where in each pixel its sample is, from the middle to the right and downwards; in pixels.
     pub sample_offset_px: DVec2,
     /// Draws backs even where they can never be seen, so that cracks show (audits).

@@ -17,7 +17,7 @@ use hlod_render::path::CameraPath;
 use hlod_render::pick::first_hit;
 use hlod_render::picture::{Picture, take};
 use hlod_render::scene::{
-    BACKGROUND, CASTER_THRESHOLD_PX, Material, Paint, Representation, Shadow, Shot,
+    BACKGROUND, CASTER_THRESHOLD_PX, INTENSITY_STEP, Material, Paint, Representation, Shadow, Shot,
     light_from_angles,
 };
 use hlod_render::session::load as load_session;
@@ -251,6 +251,7 @@ fn offscreen(file: &Path) -> Picture {
         shadow: Shadow::None,
         light_size: 0.0,
         caster_threshold_px: CASTER_THRESHOLD_PX,
+        intensity_step: INTENSITY_STEP,
         sample_offset_px: glam::DVec2::ZERO,
         draw_backs: false,
         backs_magenta: false,

@@ -7,7 +7,7 @@ use hlod_render::clip::ClipPlanes;
 use hlod_render::framing::{FOV_Y_DEG, Framing};
 use hlod_render::picture::{Canvas, PICTURE_FORMAT};
 use hlod_render::scene::{
-    BACKGROUND, CASTER_THRESHOLD_PX, Material, Paint, Representation, Shadow, Shot,
+    BACKGROUND, CASTER_THRESHOLD_PX, INTENSITY_STEP, Material, Paint, Representation, Shadow, Shot,
     light_from_angles,
 };
 use hlod_render::section::Plane;
@@ -212,6 +212,7 @@ impl Wandering {
             shadow: self.shadow,
             light_size: if is_soft { 3.0 } else { 0.0 },
             caster_threshold_px: CASTER_THRESHOLD_PX,
+            intensity_step: INTENSITY_STEP,
             sample_offset_px: glam::DVec2::ZERO,
             draw_backs: false,
             backs_magenta: false,

@@ -5,8 +5,8 @@ use hlod_render::audit::{AuditOptions, audit};
 use hlod_render::framing::{FOV_Y_DEG, Framing};
 use hlod_render::picture::{Canvas, PICTURE_FORMAT, take};
 use hlod_render::scene::{
-    BACKGROUND, CASTER_THRESHOLD_PX, Light, Material, Paint, Representation, Shadow, Shot,
-    light_from_angles,
+    BACKGROUND, CASTER_THRESHOLD_PX, INTENSITY_STEP, Light, Material, Paint, Representation,
+    Shadow, Shot, light_from_angles,
 };
 use hlod_render::{Gpu, Model, ModelLimits, frame::Renderer};
 use hlod_tests::{built, bumpy_ball, gpu, scan};
@@ -44,6 +44,7 @@ pub fn shot(framing: &Framing, representation: Representation) -> Shot {
         shadow: Shadow::None,
         light_size: 0.0,
         caster_threshold_px: CASTER_THRESHOLD_PX,
+        intensity_step: INTENSITY_STEP,
         sample_offset_px: glam::DVec2::ZERO,
         draw_backs: false,
         backs_magenta: false,

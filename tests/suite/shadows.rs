@@ -8,8 +8,8 @@ use hlod_render::frame::{FrameStats, Renderer};
 use hlod_render::framing::{FOV_Y_DEG, Framing};
 use hlod_render::picture::{Canvas, PICTURE_FORMAT};
 use hlod_render::scene::{
-    BACKGROUND, CASTER_THRESHOLD_PX, EXACT_THRESHOLDS_PX, Light, Material, Paint, Representation,
-    Shadow, Shot,
+    BACKGROUND, CASTER_THRESHOLD_PX, EXACT_THRESHOLDS_PX, INTENSITY_STEP, Light, Material, Paint,
+    Representation, Shadow, Shot,
 };
 use hlod_render::{Gpu, Model, ModelLimits};
 use hlod_tests::{built, gpu, ply, scan};
@@ -156,6 +156,7 @@ pub(super) fn shot(eye: DVec3, light: Light) -> Shot {
         shadow: Shadow::Hard,
         light_size: 0.0,
         caster_threshold_px: CASTER_THRESHOLD_PX,
+        intensity_step: INTENSITY_STEP,
         sample_offset_px: DVec2::ZERO,
         draw_backs: false,
         backs_magenta: false,

@@ -9,7 +9,9 @@ use super::section::SectionArgs;
 use super::work::{MeasureArgs, NotesArgs, SessionArgs};
 use hlod_render::camera::Camera;
 use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
-use hlod_render::scene::{CASTER_THRESHOLD_PX, Enhance, Light, Representation, Shadow, Spot};
+use hlod_render::scene::{
+    CASTER_THRESHOLD_PX, Enhance, INTENSITY_STEP, Light, Representation, Shadow, Spot,
+};
 use hlod_render::shadow_map::{MapProjection, ShadowMap};
 use hlod_render::{AdapterChoice, Gpu, ModelLimits, RenderError};
 
@@ -123,6 +125,9 @@ pub struct DrawArgs {
     /// Largest shift of a shadow's edge by what casts it, in pixels (τ_c).
     #[arg(long, value_name = "PX", default_value_t = CASTER_THRESHOLD_PX, value_parser = positive)]
     pub caster_tau: f64,
+    /// Largest step of a soft shadow's brightness by what casts it, 0 to 0.5 of the light (γ).
+    #[arg(long, value_name = "SHARE", default_value_t = INTENSITY_STEP, value_parser = half_share)]
+    pub shadow_step: f64,
     /// Shadows' edges within a pixel up to 60° of incidence: the same as --tau 0.25 --caster-tau 0.25.
     #[arg(long, conflicts_with_all = ["tau", "caster_tau"])]
     pub shadow_exact: bool,
@@ -163,6 +168,13 @@ fn share(text: &str) -> Result<f32, String> {
     match text.parse() {
         Ok(value) if (0.0..=1.0).contains(&value) => Ok(value),
         _ => Err("expected 0 to 1".into()),
+    }
+}
+
+fn half_share(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(value) if (0.0..=0.5).contains(&value) => Ok(value),
+        _ => Err("expected 0 to 0.5".into()),
     }
 }
 

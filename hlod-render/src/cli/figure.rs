@@ -297,6 +297,7 @@ pub fn run_plate(cli: &Cli, args: &PlateArgs) -> Outcome {
         shadow: args.shadow,
         light_size: None,
         caster_tau: hlod_render::scene::CASTER_THRESHOLD_PX,
+        shadow_step: hlod_render::scene::INTENSITY_STEP,
         shadow_exact: false,
         map: args.map,
         light: vec![-45.0, 30.0],

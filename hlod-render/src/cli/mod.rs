@@ -161,6 +161,7 @@ fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Fail
         shadow: draw.shadow(),
         light_size: args::light_size(draw, light, framing),
         caster_threshold_px: caster_tau,
+        intensity_step: draw.shadow_step,
         sample_offset_px: glam::DVec2::ZERO,
         draw_backs: false,
         backs_magenta: false,

@@ -116,6 +116,7 @@ impl Settings {
             light_size: self.light.size(self.light_size_deg),
             // Shadows' edges are as fine as the surface.
             caster_threshold_px: self.error_threshold_px * tau_factor,
+            intensity_step: crate::scene::INTENSITY_STEP,
             sample_offset_px: glam::DVec2::ZERO,
             draw_backs: false,
             backs_magenta: false,
