@@ -70,6 +70,8 @@ pub struct BenchReport {
     pub shadow: &'static str,
     /// Mean triangles that cast shadows.
     pub caster_primitives_mean: f64,
+    /// Parts of what casts shadows for which lists had no room, of all frames.
+    pub shadow_tiles_beyond: u32,
     /// Mean points ÷ pixels covered by points; 0 without points.
     pub points_per_covered_pixel: f64,
     /// Frames in which nothing could be drawn.
@@ -162,6 +164,7 @@ pub fn bench(
         primitives_mean: 0.0,
         shadow: shot_template.shadow.name(),
         caster_primitives_mean: 0.0,
+        shadow_tiles_beyond: 0,
         points_per_covered_pixel: 0.0,
         stalled_frames: 0,
         frames_over_tau: 0,
@@ -204,6 +207,7 @@ pub fn bench(
     if covered > 0 {
         report.points_per_covered_pixel = points as f64 / covered as f64;
     }
+    report.shadow_tiles_beyond = renderer.shadow_tiles_beyond(gpu)?;
     report.bytes_read = models[0].bytes_read() - bytes_before;
     report.bytes_drawn = models[0].drawn_bytes() - drawn_before;
     report.fps_mean = f64::from(options.frames) / times.iter().sum::<f64>() * 1e3;

@@ -327,6 +327,8 @@ mod tests {
             sample_offset_px: DVec2::ZERO,
             draw_backs: false,
             backs_magenta: false,
+            draw_skirts: true,
+            mixing: crate::scene::Mixing::None,
             clip: crate::clip::ClipPlanes::default(),
         }
     }

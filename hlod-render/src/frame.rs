@@ -36,6 +36,8 @@ pub struct FrameStats {
     pub points: u64,
     /// Nodes drawn.
     pub nodes: usize,
+    /// Different depths that they are of.
+    pub depths: usize,
     /// Triangles and points that cast shadows.
     pub caster_triangles: u64,
     /// Nodes that do.
@@ -337,6 +339,15 @@ impl Renderer {
         self.passes.whole().map_count(gpu)
     }
 
+    /// Parts of what cast shadows for which there was no room in a list, of all frames so far: they take longer, and are
+    /// not lost. Waits for the GPU.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub fn shadow_tiles_beyond(&self, gpu: &Gpu) -> Result<u32, RenderError> {
+        self.passes.whole().tiles_beyond(gpu)
+    }
+
     /// Draws given ranges of given arenas; a frame's last step, and all of it for the reference of
     /// audits.
     pub(crate) fn draw_ranges(
@@ -350,21 +361,6 @@ impl Renderer {
         self.passes.of(gpu, shot).encode(gpu, uniforms, drawn, shot, targets)?;
         gpu.check()
     }
-}
-
-/// Whether a shot's shadows can be drawn of these models.
-///
-/// # Errors
-/// When shadows are to be soft, and a model is a point cloud.
-pub fn check_models(models: &[Model], shadow: Shadow) -> Result<(), RenderError> {
-    if shadow == Shadow::Soft && models.iter().any(Model::is_cloud) {
-        return Err(RenderError::Usage(
-            "soft shadows are not drawn of point clouds, whose discs overlap and would count more than \
-             once; try --shadow hard, or traced with --light-size"
-                .into(),
-        ));
-    }
-    Ok(())
 }
 
 /// The light of one frame.
@@ -415,7 +411,6 @@ fn update(
     targets: &Targets,
     survey: Option<&Survey>,
 ) -> Result<Fronts, RenderError> {
-    check_models(models, shot.shadow)?;
     check_clip(shot)?;
     let (width, height) = targets.window().picture();
     let selection = selection(shot);
@@ -526,6 +521,7 @@ fn stats(
     let mut stats = FrameStats { tau_ratio: 0.0, ..FrameStats::default() };
     let mut weights = 0.0;
     let tau = shot.error_threshold_px.max(1e-9);
+    let mut depths = 0u64;
     for (m, (model, front)) in models.iter().zip(&fronts.receivers).enumerate() {
         stats.nodes += front.draws.len();
         stats.missing_parts += front
@@ -535,6 +531,7 @@ fn stats(
             .count();
         for draw in &front.draws {
             let node = &model.skeleton().nodes()[draw.node as usize];
+            depths |= 1 << node.depth.min(63);
             if let Some(slot) = model.slot(draw.node, draw.representation) {
                 stats.triangles += slot.triangles().len() as u64;
                 let points = points_of(slot, node, &views[m], can_choose);
@@ -557,6 +554,7 @@ fn stats(
                 slot.map_or(0, |s| s.triangles().len() + s.points().len()) as u64;
         }
     }
+    stats.depths = depths.count_ones() as usize;
     stats.tau_ratio = if weights > 0.0 { stats.tau_ratio / weights } else { 1.0 };
     stats
 }

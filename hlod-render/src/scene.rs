@@ -7,6 +7,7 @@ use crate::camera::Camera;
 use crate::clip::ClipPlanes;
 use crate::colour_map::{ColourMap, TURN_MAX_DEG, bounds_shown};
 use crate::shadow_map::ShadowMap;
+use crate::skeleton::Node;
 
 /// Where light comes from.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -342,6 +343,53 @@ pub const INTENSITY_STEP: f64 = 1.0 / 64.0;
 /// τ and τ_c with which that is below a pixel up to 60°: 0.93.
 pub const EXACT_THRESHOLDS_PX: (f64, f64) = (0.25, 0.25);
 
+/// How a front is made to differ from what the view asks for, so that audits see seams of all kinds. Which nodes are
+/// concerned follows from their cells and the seed alone.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub enum Mixing {
+    /// Not at all.
+    #[default]
+    None,
+    /// Half of the nodes that are fine enough are divided all the same, and so are half of what comes of that: neighbours
+    /// differ by any number of depths.
+    Finer {
+        /// Which ones.
+        seed: u64,
+    },
+    /// Half of what would be drawn counts as not loaded, so that ancestors stand for it, as in a cache that fills.
+    HalfLoaded {
+        /// Which ones.
+        seed: u64,
+    },
+}
+
+impl Mixing {
+    /// One of so many nodes is lacking. It takes its brothers with it: what lacks one of its children is drawn itself.
+    const LACKING: u64 = 8;
+
+    /// Whether a node that is fine enough is divided.
+    pub(crate) fn divides(self, node: &Node) -> bool {
+        matches!(self, Mixing::Finer { seed } if chance(seed, node) & 1 == 0)
+    }
+
+    /// Whether a node counts as not loaded; the root always is.
+    pub(crate) fn lacks(self, node: &Node) -> bool {
+        matches!(self, Mixing::HalfLoaded { seed } if node.depth > 0 && chance(seed, node) % Mixing::LACKING == 0)
+    }
+}
+
+/// A number by chance for each cell (SplitMix64; Steele, Lea & Flood 2014).
+fn chance(seed: u64, node: &Node) -> u64 {
+    let middle = (node.cell_box[0] + node.cell_box[1]).to_array();
+    let places = middle.into_iter().map(f64::to_bits).chain([u64::from(node.depth), seed]);
+    places.fold(seed, |state, place| {
+        let mut z = (state ^ place).wrapping_add(0x9e37_79b9_7f4a_7c15);
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    })
+}
+
 /// Everything one picture depends on besides the models.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shot {
@@ -378,6 +426,10 @@ pub struct Shot {
     pub draw_backs: bool,
     /// Paints backs magenta, and draws them everywhere.
     pub backs_magenta: bool,
+    /// Draws what closes seams between nodes; audits also look at pictures without.
+    pub draw_skirts: bool,
+    /// How the front differs from what the view asks for (audits).
+    pub mixing: Mixing,
     /// Planes that cut the statue open. Shadows cannot be drawn then: see [`crate::clip::check_clip`].
     pub clip: ClipPlanes,
 }

@@ -10,7 +10,7 @@ use hlod_compress::RepresentationKind;
 use crate::camera::{Camera, Projection};
 use crate::clip::ClipPlanes;
 use crate::loader::{Part, Ticket};
-use crate::scene::Shot;
+use crate::scene::{Mixing, Shot};
 use crate::skeleton::{ChildLink, Node, NodeRepresentation, Skeleton};
 
 /// What is asked of the front.
@@ -41,6 +41,7 @@ pub struct View {
     high: DVec2,
     /// Model space: what is not drawn.
     clip: ClipPlanes,
+    mixing: Mixing,
 }
 
 impl View {
@@ -69,13 +70,14 @@ impl View {
             low: DVec2::NEG_ONE,
             high: DVec2::ONE,
             clip: ClipPlanes::default(),
+            mixing: Mixing::None,
         }
     }
 
     /// Of a picture.
     pub fn of_shot(shot: &Shot, world_from_model: DMat4, (width, height): (u32, u32)) -> View {
         let view = View::new(&shot.camera, world_from_model, width, height);
-        View { clip: shot.clip.in_model(&world_from_model), ..view }
+        View { clip: shot.clip.in_model(&world_from_model), mixing: shot.mixing, ..view }
     }
 
     /// The same, but sees boxes only in a part of the picture, which begins and ends so far from its
@@ -232,6 +234,10 @@ pub(crate) trait Measure {
     fn threshold_px(&self) -> f64;
     /// A rough measure of a node's size in square pixels.
     fn area_px(&self, node: &Node) -> f64;
+    /// How the front differs from what is asked for.
+    fn mixing(&self) -> Mixing {
+        Mixing::None
+    }
 }
 
 /// Receivers are measured as the camera sees them.
@@ -259,6 +265,10 @@ impl Measure for Receivers<'_> {
 
     fn area_px(&self, node: &Node) -> f64 {
         self.view.area_px(node.min, node.max)
+    }
+
+    fn mixing(&self) -> Mixing {
+        self.view.mixing
     }
 }
 
@@ -313,9 +323,10 @@ impl Search<'_> {
         let error_px = self.measure.error_px(error, node);
         let area_px = self.measure.area_px(node);
         let draw = Draw { node: index, representation, error_px, area_px };
-        let resident = (self.is_resident)(index, representation);
+        let mixing = self.measure.mixing();
+        let resident = (self.is_resident)(index, representation) && !mixing.lacks(node);
         let threshold = self.measure.threshold_px();
-        let fine_enough = threshold > 0.0 && error_px <= threshold;
+        let fine_enough = threshold > 0.0 && error_px <= threshold && !mixing.divides(node);
 
         if fine_enough || node.children == ChildLink::None {
             self.front.ideal_nodes += 1;

@@ -7,7 +7,7 @@
 //! face. So between two nodes that are drawn side by side, of whatever depths, there is at most a
 //! slit in their common face that is as wide as both their border errors together. Every border line
 //! carries a strip in the face, into the body, that reaches as far as twice the largest border error
-//! of the nodes that are drawn: it covers the slit.
+//! of the nodes that are drawn, in pixels or in the model's unit, whichever is less there: it covers the slit.
 //!
 //! Where one border lies above the other its strip reaches past the other, so that no line of sight
 //! gets through; and a strip that goes only inwards moves no outline of a body that is thicker.

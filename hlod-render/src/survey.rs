@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3};
 
 use crate::casters::select_casters;
 use crate::error::RenderError;
-use crate::frame::{caster_view, check_models, selection, visible_boxes};
+use crate::frame::{caster_view, selection, visible_boxes};
 use crate::gpu::Gpu;
 use crate::loader::Part;
 use crate::model::Model;
@@ -60,14 +60,13 @@ impl Survey {
     /// as it is seen, and no page.
     ///
     /// # Errors
-    /// When the GPU fails, or shadows cannot be drawn of these models.
+    /// When the GPU fails.
     pub fn new(
         gpu: &Gpu,
         models: &mut [Model],
         shot: &Shot,
         size: (u32, u32),
     ) -> Result<Survey, RenderError> {
-        check_models(models, shot.shadow)?;
         loop {
             for model in models.iter_mut() {
                 model.receive_in_order(gpu)?;

@@ -100,9 +100,15 @@ pub(crate) fn skirt(
     shot: &Shot,
     targets: &Targets,
 ) -> Vec4 {
+    if !shot.draw_skirts {
+        return Vec4::ZERO;
+    }
     // Both sides of a seam may be wrong. Nearer than its error no node has a bound; what covers the
     // picture is enough.
     let pixels = (2.0 * front.border_px).min(targets.window().picture_height.into());
     let scale = world_from_model.x_axis.truncate().length();
-    Vec4::new((pixels * world_per_pixel(shot, targets) / scale) as f32, 2.0 * step as f32, 0.0, 0.0)
+    let of_depth = pixels * world_per_pixel(shot, targets) / scale;
+    // Borders are as far from their place as they are, however near the eye comes.
+    let at_most = 2.0 * front.border_error;
+    Vec4::new(of_depth as f32, 2.0 * step as f32, at_most as f32, 0.0)
 }

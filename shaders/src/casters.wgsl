@@ -33,8 +33,10 @@ fn corner_of(number: u32, corner: u32) -> vec3<f32> {
     return vec3(v.x, v.y, v.z) + 2.0 * radius * (cos(turn) * u + sin(turn) * w);
 }
 
+const DISC_PRODUCT: f32 = 0.25;
+
 // Of its weights, summing to 1, the least sum of products at which a triangle is met: inside the circle
 // in an equilateral one for points.
 fn least_product(number: u32) -> f32 {
-    return select(0.0, 0.25, is_point(number));
+    return select(0.0, DISC_PRODUCT, is_point(number));
 }

@@ -14,6 +14,8 @@ struct Tile {
 
 struct Tiles {
     count: atomic<u32>,
+    // Of all frames, those for which there was no room; they are done where they are found.
+    beyond: atomic<u32>,
     tile: array<Tile>,
 }
 
@@ -157,6 +159,7 @@ fn occlude(
                 if slot < arrayLength(&tiles.tile) {
                     tiles.tile[slot] = Tile(a, b, c, vec4(x, y, end), chunk.error, noise, least);
                 } else {
+                    atomicAdd(&tiles.beyond, 1u);
                     hide(vec2(x, y), end, a, b, c, chunk.error, noise, least);
                 }
             }

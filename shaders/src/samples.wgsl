@@ -58,8 +58,7 @@ fn place(@builtin(global_invocation_id) id: vec3<u32>) {
         across = octahedral(vertices[corners.x & VERTEX].normal);
         let to_eye = select(frame.eye.xyz, frame.eye.xyz - seen.world, frame.eye.w > 0.5);
         is_back = dot((frame.world_from_model * vec4(across, 0.0)).xyz, to_eye) < 0.0;
-        let reach = frame.skirt.x * max(seen.depth, 0.0) + frame.skirt.y;
-        error += reach * length(frame.world_from_model[0].xyz);
+        error += skirt_reach(seen.depth) * length(frame.world_from_model[0].xyz);
     }
     let normal = normal_in_light_space(select(across, -across, is_back));
     let sample = sample_of(seen.model, normal, error);

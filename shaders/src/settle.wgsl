@@ -12,7 +12,10 @@ fn settle(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let at = frame.area.xy + id.xy;
     let pixel = number_of(at);
-    let covered = clamp(max(sums[2u * pixel], sums[2u * pixel + 1u]), 0, HIDDEN);
+    let summed = clamp(max(sums[4u * pixel], sums[4u * pixel + 1u]), 0, HIDDEN);
+    let places = countOneBits(u32(sums[4u * pixel + 2u])) + countOneBits(u32(sums[4u * pixel + 3u]));
+    // Surfaces and points hide parts of the light that have nothing to do with each other.
+    let covered = summed + (HIDDEN - summed) * i32(places) / 64;
     // Of points that are turned away from the light all of it is hidden already.
     occlusion[pixel] = max(occlusion[pixel], u32(covered));
 }

@@ -82,6 +82,12 @@ fn normal_at(seen: Seen, a: u32, b: u32, c: u32, of_point: bool) -> vec3<f32> {
     return select(interpolated, seen.across, of_point);
 }
 
+// Whether a surface is seen from behind. A skirt stands for the surface that it hangs from, whichever of its own
+// sides is seen.
+fn is_turned(identity: u32, number: u32, outwards: f32) -> bool {
+    return select((identity & BACK) != 0u, outwards < 0.0, is_of_skirt(number));
+}
+
 @fragment
 fn relief_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let identity = textureLoad(identities, vec2<i32>(pixel.xy), 0).x;
@@ -95,7 +101,9 @@ fn relief_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32
     let b = indices[3u * number + 1u] & VERTEX;
     let c = select(indices[3u * number + 2u] & VERTEX, a, of_point);
     let given = normalize(normal_at(seen, a, b, c, of_point));
-    let back = (identity & BACK) != 0u;
+    let outwards = (frame.world_from_model * vec4(given, 0.0)).xyz;
+    let to_eye = select(frame.eye.xyz, frame.eye.xyz - seen.world, frame.eye.w > 0.5);
+    let back = is_turned(identity, number, dot(outwards, to_eye));
     let normal = select(given, -given, back & (frame.shading.w > 0.5));
     let axes = view_axes();
     let clip = frame.clip_from_model * vec4(seen.model, 1.0);
@@ -202,12 +210,13 @@ fn shade_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32>
             return vec4(frame.clip_colours[plane].rgb, 1.0);
         }
     }
-    if back & (frame.shading.w > 0.5) {
+    let turned = is_turned(identity, number, dot(n, to_eye)) & (frame.shading.w > 0.5);
+    if turned {
         n = -n;
     }
     if drawn & (frame.scalar.w > 0.5) {
         // Of the model's frame, and of the side that is seen.
-        let towards = select(normal, -normal, back & (frame.shading.w > 0.5));
+        let towards = select(normal, -normal, turned);
         return vec4(linear_from_srgb(0.5 + 0.5 * normalize(towards)), 1.0);
     }
     if drawn & (frame.scalar.x > 0.5) {

@@ -15,7 +15,7 @@ struct Frame {
     light: vec4<f32>,
     // rgb: linear light of the material; a: strength of the highlight.
     material: vec4<f32>,
-    // How far skirts reach into the surface, in model space: x for each unit of clip.w, plus y.
+    // How far skirts reach into the surface, in model space: x for each unit of clip.w, at most z, plus y.
     skirt: vec4<f32>,
     // x: ambient share; y: 1 where vertices carry colours; z: 1 to paint backs magenta;
     // w: 1 where backs are drawn like fronts.
@@ -96,6 +96,11 @@ fn octahedral(code: u32) -> vec3<f32> {
     return normalize(vec3(select(folded, xy, z >= 0.0), z));
 }
 
+// How far skirts reach at a depth, model space.
+fn skirt_reach(depth: f32) -> f32 {
+    return min(frame.skirt.x * max(depth, 0.0), frame.skirt.z) + frame.skirt.y;
+}
+
 // Model space, of an index as `indices` has it.
 fn position_of(index: u32) -> vec3<f32> {
     let v = vertices[index & VERTEX];
@@ -110,7 +115,7 @@ fn position_of(index: u32) -> vec3<f32> {
     // Where the surface runs along the face there is no inside within it.
     let direction = select(-normal, inward / inward_length, inward_length > 0.05);
     let depth = (frame.clip_from_model * vec4(position, 1.0)).w;
-    return position + direction * (frame.skirt.x * max(depth, 0.0) + frame.skirt.y);
+    return position + direction * skirt_reach(depth);
 }
 
 // Pixels are counted in the picture, words and samples in the part of it that is drawn: whatever is

@@ -19,6 +19,10 @@
 // What faces away from the light is summed apart, and the larger sum holds: of bodies both are the
 // same, open surfaces have one of them in each place.
 //
+// The discs of point clouds overlap by design, and would count as often as they do. So they are not summed: each hides
+// those of 64 places on the light that it lies before, a bit for each (after Schwarz & Stamminger, Bitmask soft shadows,
+// EUROGRAPHICS 2007, who have them for the texels of a map), and a place is hidden once, by whatever number of them.
+//
 // soften: triangles and their edges · soften_tiles: what is left of large ones · settle: sums →
 // occlusion.
 
@@ -29,8 +33,9 @@ struct Tile {
     c: vec4<f32>,
     // First and last cell.
     cells: vec4<i32>,
-    // Whether it is an edge, from a to b, and which way its triangle faces.
-    is_edge: u32,
+    // A triangle, an edge from a to b, or a disc within a triangle.
+    kind: u32,
+    // Which way the triangle faces.
     facing: f32,
     error: f32,
     noise: f32,
@@ -38,16 +43,22 @@ struct Tile {
 
 struct Tiles {
     count: atomic<u32>,
+    // Of all frames, those for which there was no room; they are done where they are found.
+    beyond: atomic<u32>,
     tile: array<Tile>,
 }
 
-// Two sums a pixel, of what faces the light and of what does not, in 65535ths of the disc.
+// Four a pixel: two sums, of what faces the light and of what does not, in 65535ths of the disc; and the places of the light
+// that discs hide.
 @group(1) @binding(3) var<storage, read_write> sums: array<atomic<i32>>;
 @group(1) @binding(5) var<storage, read_write> tiles: Tiles;
 // For each edge of a triangle, from a corner to the next, the vertex across it.
 @group(2) @binding(0) var<storage, read> across: array<u32>;
 
 const NO_VERTEX: u32 = 0xffffffffu;
+const TRIANGLE: u32 = 0u;
+const EDGE: u32 = 1u;
+const DISC: u32 = 2u;
 const TILE: i32 = 16;
 const PI: f32 = 3.14159265;
 
@@ -76,14 +87,25 @@ fn add(first: vec2<i32>, last: vec2<i32>, tile: Tile) {
         var sample = samples[pixel];
         entry = sample.next;
         sample.depth -= sample.slack * tile.error;
+        if tile.kind == DISC {
+            sample.depth -= tile.noise;
+            let hidden = places_hidden(sample, tile);
+            if hidden.x != 0u {
+                atomicOr(&sums[4u * pixel + 2u], bitcast<i32>(hidden.x));
+            }
+            if hidden.y != 0u {
+                atomicOr(&sums[4u * pixel + 3u], bitcast<i32>(hidden.y));
+            }
+            continue;
+        }
         var part = 0.0;
-        if tile.is_edge == 1u {
+        if tile.kind == EDGE {
             part = tile.facing * part_of_edge(sample, tile.a, tile.b);
         } else if covers(sample, tile) {
             part = 1.0;
         }
         if part != 0.0 {
-            let sum = 2u * pixel + select(1u, 0u, tile.facing > 0.0);
+            let sum = 4u * pixel + select(1u, 0u, tile.facing > 0.0);
             atomicAdd(&sums[sum], i32(round(part * f32(HIDDEN))));
         }
     }
@@ -102,6 +124,54 @@ fn covers(sample: Sample, t: Tile) -> bool {
     let w = dot(weights, vec3(t.c.w, t.a.w, t.b.w));
     let sum = weights.x + weights.y + weights.z;
     return w * sum > 0.0 && dot(weights, vec3(t.c.z, t.a.z, t.b.z)) / w < sample.depth - t.noise;
+}
+
+// From a sample: across the light's picture, and how far towards the light, so that xy / z is a place on the light's disc of
+// radius 1.
+fn seen_from(sample: Sample, p: vec4<f32>) -> vec3<f32> {
+    let q = vec2(sample.x, sample.y);
+    return vec3(p.xy - q * p.w, frame.shadow.w * (sample.depth * p.w - p.z));
+}
+
+// Which of 64 places on the light's disc, on a spiral (Vogel 1979), a point's disc hides from a sample: those to which a
+// ray meets the triangle round it within the circle.
+fn places_hidden(sample: Sample, t: Tile) -> vec2<u32> {
+    let a = seen_from(sample, t.a);
+    let b = seen_from(sample, t.b);
+    let c = seen_from(sample, t.c);
+    let farthest = max(max(a.z, b.z), c.z);
+    if farthest <= 0.0 {
+        return vec2(0u);
+    }
+    // Beside the light, all of it.
+    if min(min(a.z, b.z), c.z) > 0.0 {
+        let low = min(min(a.xy / a.z, b.xy / b.z), c.xy / c.z);
+        let high = max(max(a.xy / a.z, b.xy / b.z), c.xy / c.z);
+        if any(low > vec2(1.0)) || any(high < vec2(-1.0)) {
+            return vec2(0u);
+        }
+    }
+    // A ray to (v, 1) has weights of the corners that are linear in v.
+    let of_a = cross(b, c);
+    let of_b = cross(c, a);
+    let of_c = cross(a, b);
+    let depths = vec3(a.z, b.z, c.z);
+    var hidden = vec2(0u);
+    var direction = vec2(1.0, 0.0);
+    for (var k = 0u; k < 64u; k++) {
+        let v = vec3(direction * sqrt((f32(k) + 0.5) / 64.0), 1.0);
+        // By the golden angle.
+        direction = vec2(
+            -0.73736888 * direction.x - 0.67549029 * direction.y,
+            0.67549029 * direction.x - 0.73736888 * direction.y,
+        );
+        let weights = vec3(dot(of_a, v), dot(of_b, v), dot(of_c, v));
+        let sum = weights.x + weights.y + weights.z;
+        let is_met = (dot(weights, weights.yzx) >= DISC_PRODUCT * sum * sum) & (dot(weights, depths) * sum > 0.0);
+        let bit = select(0u, 1u << (k & 31u), is_met);
+        hidden |= select(vec2(0u, bit), vec2(bit, 0u), k < 32u);
+    }
+    return hidden;
 }
 
 // Triangle less sector, as a share of the disc.
@@ -177,6 +247,7 @@ fn add_or_divide(tile: Tile) {
             if slot < arrayLength(&tiles.tile) {
                 tiles.tile[slot] = part;
             } else {
+                atomicAdd(&tiles.beyond, 1u);
                 add(part.cells.xy, part.cells.zw, part);
             }
         }
@@ -209,13 +280,14 @@ fn soften(
     let triangle = chunk.first + i;
     var corner: array<u32, 3>;
     var p: array<vec4<f32>, 3>;
+    let is_disc = is_point(triangle);
     for (var k = 0u; k < 3u; k++) {
         corner[k] = indices[3u * triangle + k];
         // Skirts would count as layers of their own; the slits that they close hide next to nothing.
-        if (corner[k] & MOVED) != 0u {
+        if !is_disc && (corner[k] & MOVED) != 0u {
             return;
         }
-        p[k] = in_light_space(corner[k]);
+        p[k] = frame.light_from_model * vec4(corner_of(triangle, k), 1.0);
     }
     let determinant = dot(p[0].xyw, cross(p[1].xyw, p[2].xyw));
     if determinant == 0.0 || ((chunk.count & CULLED) != 0u && determinant < 0.0) {
@@ -228,7 +300,7 @@ fn soften(
     tile.c = p[2];
     tile.facing = facing;
     tile.error = chunk.error;
-    tile.is_edge = 0u;
+    tile.kind = select(TRIANGLE, DISC, is_disc);
 
     var low = vec2(1e30);
     var high = vec2(-1e30);
@@ -250,8 +322,13 @@ fn soften(
         let across = abs(cross2(at[1].xy - at[0].xy, at[2].xy - at[0].xy));
         tile.noise = noise_of(low, high, across, max(max(at[0].z, at[1].z), at[2].z) - nearest);
     }
-    tile.cells = cells_of(low, high);
+    // A triangle hides the light's middle, a disc any part of it.
+    let beside = select(0.0, frame.shadow.w * (grid.farthest - nearest), is_disc);
+    tile.cells = cells_of(low - beside, high + beside);
     add_or_divide(tile);
+    if is_disc {
+        return;
+    }
 
     for (var k = 0u; k < 3u; k++) {
         let next = (k + 1u) % 3u;
@@ -269,7 +346,7 @@ fn soften(
             continue;
         }
         // Its outline against the light comes from the triangle's own way round.
-        tile.is_edge = 1u;
+        tile.kind = EDGE;
         tile.a = a;
         tile.b = b;
         let reach = frame.shadow.w * (grid.farthest - min(a.z / a.w, b.z / b.w));

@@ -46,7 +46,7 @@ pub struct FrameUniform {
     pub light: Vec4,
     /// Linear albedo and highlight.
     pub material: Vec4,
-    /// Reach of skirts for each unit of depth, and at least; model space.
+    /// Reach of skirts for each unit of depth, what is added, and what the former is at most; model space.
     pub skirt: Vec4,
     /// Ambient share; colours; backs magenta; backs lit like fronts.
     pub shading: Vec4,
@@ -333,6 +333,15 @@ impl Passes {
     /// When the device is lost.
     pub(crate) fn map_count(&self, gpu: &Gpu) -> Result<MapCount, RenderError> {
         self.maps.as_ref().map_or(Ok(MapCount::default()), |maps| maps.count(gpu))
+    }
+
+    /// Parts of what casts shadows for which there was no room in a list, of all frames: they are done where they are
+    /// found, by one thread each. Waits for the GPU.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub(crate) fn tiles_beyond(&self, gpu: &Gpu) -> Result<u32, RenderError> {
+        Ok(self.shadow.tiles_beyond(gpu)? + self.soft.tiles_beyond(gpu)?)
     }
 
     /// Whether points can have other radii in one frame than in another.

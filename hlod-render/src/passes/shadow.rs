@@ -134,10 +134,23 @@ impl HardShadows {
             layout,
             samples: buffer(gpu, "samples", SAMPLE_BYTES, usage | wgpu::BufferUsages::COPY_SRC),
             cells: buffer(gpu, "cells", GRID_BYTES, usage),
-            tiles: buffer(gpu, "tiles", TILE_BYTES * (TILES + 1), usage),
+            tiles: buffer(
+                gpu,
+                "tiles",
+                TILE_BYTES * (TILES + 1),
+                usage | wgpu::BufferUsages::COPY_SRC,
+            ),
             chunks: buffer(gpu, "caster chunks", 1 << 16, usage),
             drawn: buffer(gpu, "drawn ranges", 1 << 12, usage),
         }
+    }
+
+    /// Parts of large triangles for which there was no room, of all frames.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub(super) fn tiles_beyond(&self, gpu: &Gpu) -> Result<u32, RenderError> {
+        tiles_beyond(gpu, &self.tiles)
     }
 
     /// # Errors
@@ -238,8 +251,8 @@ impl HardShadows {
             }
             if !matches!(how, How::Map(..)) {
                 encoder.clear_buffer(&self.cells, 0, None);
-                // Their number.
-                encoder.clear_buffer(&self.tiles, 0, Some(16));
+                // Their number, not that of those beyond.
+                encoder.clear_buffer(&self.tiles, 0, Some(4));
             }
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some("shadow"),
@@ -331,4 +344,11 @@ impl Work {
     pub(super) fn first_chunks(&self) -> &[u32] {
         &self.chunks.firsts
     }
+}
+
+/// The second number of `Tiles` in `occlude.wgsl` and `soften.wgsl`.
+pub(super) fn tiles_beyond(gpu: &Gpu, tiles: &wgpu::Buffer) -> Result<u32, RenderError> {
+    let bytes = gpu.read_buffer(tiles, 8)?;
+    let [_, beyond]: [u32; 2] = bytemuck::pod_read_unaligned(&bytes);
+    Ok(beyond)
 }

@@ -1,8 +1,9 @@
 //! Soft shadows: see `soften.wgsl`.
 
-use super::shadow::{LightFace, Work};
+use super::shadow::{LightFace, Work, tiles_beyond};
 use super::{Rectangle, Targets, buffer, compute_pipelines, constants, entry, storage_entry};
 use crate::arena::Arena;
+use crate::error::RenderError;
 use crate::gpu::Gpu;
 
 /// Bytes of a tile in `soften.wgsl`, and how many there is room for; what is beyond is done where it
@@ -11,8 +12,8 @@ const TILE_BYTES: u64 = 80;
 const TILES: u64 = 1 << 17;
 /// Workgroups that share the tiles.
 const TILE_GROUPS: u32 = 1024;
-/// Two sums of four bytes a pixel.
-const SUM_BYTES: u64 = 8;
+/// Two sums and two words of bits a pixel.
+const SUM_BYTES: u64 = 16;
 /// Pixels of a workgroup's side.
 const SIDE: u32 = 8;
 
@@ -78,7 +79,7 @@ impl SoftShadows {
             settle_layout,
             sums: buffer(gpu, "sums", SUM_BYTES, usage),
             // Grows when it is first used.
-            tiles: buffer(gpu, "soft tiles", TILE_BYTES, usage),
+            tiles: buffer(gpu, "soft tiles", TILE_BYTES, usage | wgpu::BufferUsages::COPY_SRC),
         }
     }
 
@@ -121,11 +122,19 @@ impl SoftShadows {
         }
     }
 
+    /// Parts for which there was no room, of all frames.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub(super) fn tiles_beyond(&self, gpu: &Gpu) -> Result<u32, RenderError> {
+        tiles_beyond(gpu, &self.tiles)
+    }
+
     /// Sums are of one face of the light.
     pub(super) fn begin_face(&self, encoder: &mut wgpu::CommandEncoder) {
         encoder.clear_buffer(&self.sums, 0, None);
-        // Their number.
-        encoder.clear_buffer(&self.tiles, 0, Some(16));
+        // Their number, not that of those beyond.
+        encoder.clear_buffer(&self.tiles, 0, Some(4));
     }
 
     /// After samples were binned.

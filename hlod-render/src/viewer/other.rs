@@ -8,7 +8,7 @@ use super::gui::Scene;
 use crate::camera::{Camera, Projection};
 use crate::error::RenderError;
 use crate::figure::scale::millimetres;
-use crate::frame::{Renderer, check_models};
+use crate::frame::Renderer;
 use crate::framing::Framing;
 use crate::gpu::Gpu;
 use crate::model::{Model, ModelLimits};
@@ -89,10 +89,7 @@ impl Other {
         let Placed { scale, offset } = self.placed;
         let camera = self.placed.camera(&shot.camera);
         let clip = shot.clip.scaled(scale).moved(offset);
-        let mut shot = Shot { camera, clip, ..*shot };
-        if check_models(&self.models, shot.shadow).is_err() {
-            shot.shadow = Shadow::Hard;
-        }
+        let shot = Shot { camera, clip, ..*shot };
         if self.drawn == Some((shot, size)) && !self.is_loading() {
             return Ok(false);
         }

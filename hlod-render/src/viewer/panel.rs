@@ -242,10 +242,6 @@ fn light(ui: &mut Ui, settings: &mut Settings, readings: &Readings, wishes: &mut
     ui.horizontal(|ui| {
         ui.label("shadows");
         for shadow in [Shadow::None, Shadow::Hard, Shadow::Soft] {
-            // Of points: see `check_models`.
-            if shadow == Shadow::Soft && readings.is_cloud {
-                continue;
-            }
             ui.selectable_value(&mut settings.shadow, shadow, shadow.name())
                 .on_hover_text("of the statue on itself (H)");
         }

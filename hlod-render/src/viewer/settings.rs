@@ -120,6 +120,8 @@ impl Settings {
             sample_offset_px: glam::DVec2::ZERO,
             draw_backs: false,
             backs_magenta: false,
+            draw_skirts: true,
+            mixing: crate::scene::Mixing::None,
             clip: crate::clip::ClipPlanes::default(),
         }
     }

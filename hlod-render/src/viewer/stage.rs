@@ -17,7 +17,7 @@ use super::recording::{Recording, save_new};
 use super::settings::Settings;
 use super::work::{Change, Work, desk::Wishes};
 use crate::error::RenderError;
-use crate::frame::{FrameStats, Renderer, check_models};
+use crate::frame::{FrameStats, Renderer};
 use crate::framing::Framing;
 use crate::gpu::Gpu;
 use crate::lamp::Lamp;
@@ -160,11 +160,6 @@ impl Stage {
             if let Err(problem) = check_shadows(gpu, &scene.targets) {
                 self.settings.shadow = Shadow::None;
                 self.problems.insert(0, format!("no shadows: {problem}"));
-            }
-            if check_models(&self.models, self.settings.shadow).is_err() {
-                self.settings.shadow = Shadow::Hard;
-                let problem = "soft shadows are not drawn of point clouds: hard ones instead";
-                self.problems.insert(0, problem.into());
             }
         }
         let shot =
