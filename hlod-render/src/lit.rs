@@ -104,7 +104,17 @@ impl Lit {
         tracer: &'a Tracer,
         targets: &'a Targets,
     ) -> impl Fn(usize, &[Option<[f32; 3]>]) -> Vec<u32> + 'a {
-        let rays = if self.radius > 0.0 { LIGHT_RAYS } else { 1 };
+        self.hidden_by_rays(tracer, targets, LIGHT_RAYS)
+    }
+
+    /// The same with so many rays to a light that is a disc.
+    pub(crate) fn hidden_by_rays<'a>(
+        &'a self,
+        tracer: &'a Tracer,
+        targets: &'a Targets,
+        rays: u32,
+    ) -> impl Fn(usize, &[Option<[f32; 3]>]) -> Vec<u32> + 'a {
+        let rays = if self.radius > 0.0 { rays } else { 1 };
         move |face, points| {
             let (window, width) = (targets.window(), targets.width() as usize);
             let number = |i: usize| {

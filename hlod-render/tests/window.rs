@@ -255,6 +255,8 @@ fn offscreen(file: &Path) -> Picture {
         sample_offset_px: glam::DVec2::ZERO,
         draw_backs: false,
         backs_magenta: false,
+        draw_skirts: true,
+        mixing: hlod_render::scene::Mixing::None,
         clip: hlod_render::clip::ClipPlanes::default(),
     };
     take(&gpu, &mut models, &shot, WIDTH, HEIGHT, 1).expect("the picture is taken").0

@@ -216,6 +216,8 @@ impl Wandering {
             sample_offset_px: glam::DVec2::ZERO,
             draw_backs: false,
             backs_magenta: false,
+            draw_skirts: true,
+            mixing: hlod_render::scene::Mixing::None,
             clip: ClipPlanes::new(planes),
         }
     }

@@ -20,6 +20,7 @@ mod placing;
 mod points;
 mod programs;
 mod restart;
+mod seams;
 mod section;
 mod shadow_maps;
 mod shadows;

@@ -14,7 +14,7 @@ use hlod_render::camera::{Camera, Projection};
 use hlod_render::framing::Framing;
 use hlod_render::picture::{Canvas, PICTURE_FORMAT, take};
 use hlod_render::scene::{Light, Representation, Shadow, Shot};
-use hlod_render::{Gpu, Model, ModelLimits, RenderError, frame::Renderer};
+use hlod_render::{Gpu, Model, ModelLimits, frame::Renderer};
 use hlod_tests::{built, bumpy_ball, gpu, scan};
 
 use crate::build::rayon_pool;
@@ -349,11 +349,36 @@ fn clouds_cast_the_shadows_that_rays_find() {
         assert!(shadow > 1_500, "{shadow} pixels are in the shadow");
         assert!(wrong * 12 < shadow, "{wrong} of {shadow} differ");
     }
-    // Soft ones of overlapping discs would be wrong, and are refused.
-    let mut soft = shot(&framing, Representation::Hybrid);
-    (soft.shadow, soft.light_size) = (Shadow::Soft, 3.0);
-    let refused = take(&gpu, &mut models, &soft, size, size, 1);
-    assert!(matches!(refused, Err(RenderError::Usage(_))));
+    // Soft ones, of discs that overlap: as much of the light is hidden as rays to all of it find.
+    for (light, light_size) in [(parallel, 4.0), (parallel, 12.0), (lamp, 0.3)] {
+        let mut shares = |shadow: Shadow| {
+            let mut shot =
+                Shot { shadow, light, light_size, ..shot(&framing, Representation::Hybrid) };
+            shot.camera.eye = shot.camera.target + DVec3::new(0.0, 4.0, 6.0);
+            let canvas = Canvas::new(&gpu, size, size).unwrap();
+            let mut renderer = Renderer::new(&gpu, PICTURE_FORMAT);
+            renderer.render_complete(&gpu, &mut models, &shot, &canvas.targets).unwrap();
+            let seen: Vec<bool> =
+                canvas.identities(&gpu).unwrap().iter().map(|&id| id != 0).collect();
+            let hidden = canvas.occlusion(&gpu).unwrap();
+            let share = |(h, seen): (&u32, &bool)| seen.then_some(f64::from(*h) / 65_535.0);
+            hidden.iter().zip(&seen).map(share).collect::<Vec<_>>()
+        };
+        let [soft, hard, traced] = [Shadow::Soft, Shadow::Hard, Shadow::Traced].map(&mut shares);
+        let root = |drawn: &[Option<f64>]| {
+            let pairs = drawn.iter().zip(&traced).filter_map(|(d, t)| Some(((*d)?, (*t)?)));
+            let inside: Vec<f64> =
+                pairs.filter(|(_, t)| *t > 0.0 && *t < 1.0).map(|(d, t)| (d - t).powi(2)).collect();
+            ((inside.iter().sum::<f64>() / inside.len() as f64).sqrt(), inside.len())
+        };
+        let ((of_soft, count), (of_hard, _)) = (root(&soft), root(&hard));
+        println!("{light:?} of {light_size}: {of_soft:.3} of {count} pixels, hard {of_hard:.3}");
+        assert!(count > 300, "{count} pixels in the penumbra");
+        assert!(
+            of_soft <= 0.05 && of_soft <= 0.3 * of_hard,
+            "{of_soft}, hard {of_hard}: {light_size}"
+        );
+    }
 }
 
 #[test]
@@ -393,6 +418,7 @@ fn triangles_become_points_that_cover_them() {
             views: 3,
             path: None,
             light: (-45.0, 30.0),
+            varied_lights: None,
             pictures: None,
         };
         let report =

@@ -160,6 +160,8 @@ pub(super) fn shot(eye: DVec3, light: Light) -> Shot {
         sample_offset_px: DVec2::ZERO,
         draw_backs: false,
         backs_magenta: false,
+        draw_skirts: true,
+        mixing: hlod_render::scene::Mixing::None,
         clip: hlod_render::clip::ClipPlanes::default(),
     }
 }
@@ -485,6 +487,7 @@ fn audits_find_edges_of_shadows_where_rays_do() {
             views: 3,
             path: None,
             light: (-50.0, 35.0),
+            varied_lights: None,
             pictures: None,
         };
         let shot = shot(EYE, Light::Directional(DVec3::Y));

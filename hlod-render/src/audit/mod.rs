@@ -10,12 +10,15 @@
 //!   the other way round; the full model at one sample a pixel is scored too: the floor, which is
 //!   what sampling alone costs;
 //! - *silhouette distance* is between the outlines, at 8 × 8 positions a pixel;
+//! - *penumbrae*, where soft shadows are asked for, with rays to all of the light;
 //! - *shadow edges*, where hard shadows are asked for (everything above is scored without), are compared at as many positions with those that
 //!   rays against the scan's triangles find.
 
 pub mod distance_transform;
+pub mod penumbra;
 pub mod pixels;
 mod reference;
+pub mod seams;
 pub mod shadows;
 pub mod silhouette;
 
@@ -26,16 +29,17 @@ use serde::Serialize;
 
 use crate::camera::{Camera, Projection};
 use crate::error::RenderError;
-use crate::frame::Renderer;
+use crate::frame::{FrameStats, Renderer};
 use crate::framing::{FOV_Y_DEG, Framing};
 use crate::gpu::Gpu;
 use crate::model::{Model, ModelLimits};
 use crate::path::CameraPath;
 use crate::picture::{Canvas, PICTURE_FORMAT, Picture};
-use crate::scene::{Shadow, Shot, light_from_angles};
+use crate::scene::{Light, Shadow, Shot, direction_from_angles, light_from_angles};
 
+use penumbra::{Penumbra, PenumbraScores, compare_penumbrae};
 use pixels::{Distances, Layer, SAMPLES, score};
-use reference::Reference;
+use reference::{Rays, Reference};
 use shadows::{ShadowEdge, ShadowScores, compare_shadows};
 use silhouette::{Mask, SUBPIXELS};
 
@@ -50,6 +54,9 @@ pub struct AuditOptions {
     pub path: Option<CameraPath>,
     /// Azimuth and elevation of the light in degrees, relative to each picture.
     pub light: (f64, f64),
+    /// In place of that another light in each view, parallel and lamps in turn, all of this diameter in heights of the
+    /// statue where they are not points.
+    pub varied_lights: Option<f64>,
     /// Where pictures of the worst view go.
     pub pictures: Option<PathBuf>,
 }
@@ -80,8 +87,12 @@ pub struct AuditReport {
     pub appearance_distance_px: AppearanceDistance,
     /// How far outlines are from their place.
     pub silhouette_distance_px: SilhouetteDistance,
-    /// How far shadows' edges are from their place, where shadows were drawn.
+    /// How far shadows' edges are from their place, where hard shadows were drawn.
     pub shadow_edge_px: Option<ShadowEdge>,
+    /// How much of the light is seen wrongly in penumbrae, root of the mean square, where soft shadows were drawn.
+    pub penumbra_rmse: Option<f64>,
+    /// More of these.
+    pub penumbra: Option<Penumbra>,
     /// The same for each view.
     pub per_view: Vec<ViewScore>,
 }
@@ -143,21 +154,28 @@ pub fn audit(
 ) -> Result<AuditReport, RenderError> {
     let mut models = [Model::open(gpu, file, ModelLimits::default())?];
     let with_shadows = shot_template.shadow != Shadow::None;
-    let reference = Reference::load(gpu, against, &models[0], with_shadows)?;
+    let is_soft = shot_template.shadow == Shadow::Soft;
+    let mut reference = Reference::load(gpu, against, &models[0], with_shadows)?;
+    let closed_oriented = reference.closed_oriented;
     let framing = Framing::of(&models[0]);
-    let cameras = cameras(&framing, file, options)?;
+    let cameras = cameras(&framing, file, options.path.as_ref(), options.views, options.size)?;
     let mut renderer = Renderer::new(gpu, PICTURE_FORMAT);
 
     let mut test = [Distances::default(), Distances::default()];
     let mut floor = [Distances::default(), Distances::default()];
     let mut outlines = [silhouette::Scores::default(), silhouette::Scores::default()];
     let mut shadows = ShadowScores::default();
+    let mut penumbrae = PenumbraScores::default();
     let mut per_view: Vec<ViewScore> = Vec::new();
     let (mut holes, mut folds, mut overdraw, mut compared) = (0, 0, 0, 0);
     let mut worst = -1.0;
     for (i, camera) in cameras.iter().enumerate() {
         let light = light_from_angles(camera, options.light.0, options.light.1);
         let in_shadow = Shot { camera: *camera, light, ..*shot_template };
+        let in_shadow = match options.varied_lights {
+            Some(size) => varied_light(in_shadow, &framing, i as u32, size),
+            None => in_shadow,
+        };
         let shot = Shot { shadow: Shadow::None, ..in_shadow };
 
         // Draw: as the user sees it, and the reference at 4 × 4 and at one sample a pixel.
@@ -169,7 +187,7 @@ pub fn audit(
         let mut source = Source::Models(&mut models);
         let drawn = draw_layer(&mut source, &with_backs, 1)?;
         let culled = draw_layer(&mut source, &Shot { draw_backs: false, ..shot }, 1)?.0;
-        let mut source = Source::Reference(&reference);
+        let mut source = Source::Reference(&mut reference);
         let truth = draw_layer(&mut source, &with_backs, SAMPLES)?;
         let once = draw_layer(&mut source, &with_backs, 1)?;
 
@@ -180,7 +198,8 @@ pub fn audit(
             pixel_at_unit_depth,
             perspective,
             tau_px: shot.error_threshold_px,
-            backs_are_holes: reference.closed_oriented,
+            margin_px: 1,
+            backs_are_holes: closed_oriented,
         };
         let scores = score(&drawn.0, &culled, &truth.0, &scale);
         let floor_scores = score(&once.0, &once.0, &truth.0, &scale);
@@ -196,9 +215,17 @@ pub fn audit(
             let is_smooth = pixels::smooth(&truth.0, &scale);
             let mut models = Source::Models(&mut models);
             let sources = [&mut models, &mut source];
-            let of_view =
-                compare_shadows(gpu, &mut renderer, sources, &in_shadow, options.size, &is_smooth)?;
-            shadows.merge(&of_view);
+            let (size, smooth) = (options.size, &is_smooth);
+            if is_soft {
+                let seed = i as u64;
+                let of_view =
+                    compare_penumbrae(gpu, &mut renderer, sources, &in_shadow, size, smooth, seed)?;
+                penumbrae.merge(&of_view);
+            } else {
+                let of_view =
+                    compare_shadows(gpu, &mut renderer, sources, &in_shadow, size, smooth)?;
+                shadows.merge(&of_view);
+            }
         }
 
         let p999 = |d: &[Distances; 2]| d[0].percentile(0.999).max(d[1].percentile(0.999));
@@ -254,29 +281,53 @@ pub fn audit(
             p999: worse_outline(0.999),
             scored_share: silhouette::scored_share(&outlines),
         },
-        shadow_edge_px: with_shadows.then(|| shadows.report()),
+        shadow_edge_px: (with_shadows && !is_soft).then(|| shadows.report()),
+        penumbra_rmse: is_soft.then(|| penumbrae.report().rmse),
+        penumbra: is_soft.then(|| penumbrae.report()),
         per_view,
     })
+}
+
+/// The light of one of many views: from azimuths and elevations that do not repeat, seen from the camera, in turn parallel
+/// and a lamp one and a half heights from the statue's middle. Parallel light is as wide as the lamp would be.
+fn varied_light(shot: Shot, framing: &Framing, view: u32, size: f64) -> Shot {
+    const DISTANCE_HEIGHTS: f64 = 1.5;
+    let n = f64::from(view) + 0.5;
+    // Multiples of the golden ratio and of the square root of two, which leave no gaps.
+    let azimuth = 160.0 * (n * 0.618_033_988_749_895).fract() - 80.0;
+    let elevation = 5.0 + 65.0 * (n * std::f64::consts::SQRT_2).fract();
+    let towards = direction_from_angles(shot.camera.axes(), azimuth, elevation);
+    let distance = DISTANCE_HEIGHTS * framing.height;
+    match view % 2 {
+        0 => {
+            let light_size = 2.0 * (size / 2.0 / DISTANCE_HEIGHTS).atan().to_degrees();
+            Shot { light: Light::Directional(towards), light_size, ..shot }
+        }
+        _ => {
+            let light = Light::Point(framing.centre + towards * distance);
+            Shot { light, light_size: size * framing.height, ..shot }
+        }
+    }
 }
 
 /// Views along the path, or round the statue on a spiral (Fibonacci sphere) from far to near.
 fn cameras(
     framing: &Framing,
     file: &Path,
-    options: &AuditOptions,
+    path: Option<&CameraPath>,
+    views: u32,
+    size: (u32, u32),
 ) -> Result<Vec<Camera>, RenderError> {
-    let aspect = f64::from(options.size.0) / f64::from(options.size.1);
-    if let Some(path) = &options.path {
+    let aspect = f64::from(size.0) / f64::from(size.1);
+    if let Some(path) = path {
         let placed = path.place(*framing, file)?;
-        let share = |i: u32| f64::from(i) / f64::from((options.views - 1).max(1));
-        return Ok((0..options.views)
-            .map(|i| placed.camera_at(share(i) * path.duration_secs))
-            .collect());
+        let share = |i: u32| f64::from(i) / f64::from((views - 1).max(1));
+        return Ok((0..views).map(|i| placed.camera_at(share(i) * path.duration_secs)).collect());
     }
     let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
-    Ok((0..options.views)
+    Ok((0..views)
         .map(|i| {
-            let n = f64::from(options.views);
+            let n = f64::from(views);
             let y = 0.8 - 1.6 * (f64::from(i) + 0.5) / n;
             let angle = golden * f64::from(i);
             let radius = (1.0 - y * y).sqrt();
@@ -294,7 +345,16 @@ fn cameras(
 
 enum Source<'a> {
     Models(&'a mut [Model]),
-    Reference(&'a Reference),
+    Reference(&'a mut Reference),
+}
+
+impl Source<'_> {
+    /// How many rays are traced from which pixels of the reference.
+    fn set_rays(&mut self, rays: Rays) {
+        if let Source::Reference(reference) = self {
+            reference.rays = Some(rays);
+        }
+    }
 }
 
 /// Draws at `n` × `n` samples a pixel, unfiltered.
@@ -305,11 +365,11 @@ fn draw_layer(
     shot: &Shot,
     (width, height): (u32, u32),
     n: u32,
-) -> Result<(Layer, Picture), RenderError> {
+) -> Result<(Layer, Picture, FrameStats), RenderError> {
     let canvas = Canvas::new(gpu, width * n, height * n)?;
     // The front is the user's, whatever the number of samples.
     let shot = shot.finer(n);
-    draw(gpu, renderer, source, &shot, &canvas)?;
+    let stats = draw(gpu, renderer, source, &shot, &canvas)?;
     let picture = canvas.picture(gpu)?;
     let identities = canvas.identities(gpu)?;
     let near = shot.camera.near;
@@ -322,7 +382,7 @@ fn draw_layer(
         }
     });
     let layer = Layer::new(width * n, height * n, &picture.rgba, &identities, depths.collect());
-    Ok((layer, picture))
+    Ok((layer, picture, stats))
 }
 
 fn draw_mask(
@@ -344,17 +404,20 @@ fn draw(
     source: &mut Source<'_>,
     shot: &Shot,
     canvas: &Canvas,
-) -> Result<(), RenderError> {
+) -> Result<FrameStats, RenderError> {
     match source {
         Source::Models(models) => {
-            renderer.render_complete(gpu, models, shot, &canvas.targets)?;
+            let stats = renderer.render_complete(gpu, models, shot, &canvas.targets)?;
             if let Some(problem) = models.iter_mut().find_map(|m| m.take_problems().pop()) {
                 return Err(gpu.error(format!("a part of the file is damaged: {problem}")));
             }
+            Ok(stats)
         }
-        Source::Reference(reference) => reference.draw(gpu, renderer, shot, &canvas.targets)?,
+        Source::Reference(reference) => {
+            reference.draw(gpu, renderer, shot, &canvas.targets)?;
+            Ok(FrameStats::default())
+        }
     }
-    Ok(())
 }
 
 /// The picture, the reference, and where they differ: holes red, overdraw blue, distance grey.

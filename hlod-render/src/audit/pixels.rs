@@ -53,8 +53,10 @@ pub struct Scale {
     pub pixel_at_unit_depth: f64,
     /// Whether pixels grow with depth.
     pub perspective: bool,
-    /// τ of the drawing.
+    /// τ of the drawing, or by how much it is coarser where something is not loaded.
     pub tau_px: f64,
+    /// Pixels by which outlines may be off.
+    pub margin_px: usize,
     /// Whether the surface is closed and its backs are never drawn for users.
     pub backs_are_holes: bool,
 }
@@ -135,22 +137,17 @@ pub fn score(drawn: &Layer, culled: &Layer, truth: &Layer, scale: &Scale) -> Sco
     assert!(truth.width == n * drawn.width && truth.height == n * drawn.height);
     let reference = Reduced::new(truth);
     let (width, height) = (drawn.width, drawn.height);
-    let mut scores = Scores { distance_px: vec![0.0; width * height], ..Scores::default() };
+    let seams = find_seams(drawn, culled, &reference, scale);
+    let mut scores = Scores {
+        holes: seams.holes,
+        folds: seams.folds,
+        overdraw: seams.overdraw,
+        distance_px: vec![0.0; width * height],
+        ..Scores::default()
+    };
     for y in 0..height {
         for x in 0..width {
             let p = y * width + x;
-            let ring = reference.window(x, y, 1);
-            if drawn.covered[p] && !ring.any_covered {
-                scores.overdraw.push(p);
-            }
-            // Off the axis a pixel's ray is longer than its depth.
-            let inside = ring.all_covered && !reference.jumps(&ring, scale);
-            let shows_back = scale.backs_are_holes && drawn.back[p];
-            if inside && is_hole(if shows_back { culled } else { drawn }, p, &ring, scale) {
-                scores.holes.push(p);
-            } else if shows_back {
-                scores.folds.push(p);
-            }
             let wide = reference.window(x, y, 2);
             let scored =
                 wide.all_covered && !reference.jumps_within(x, y, 2, scale) && drawn.covered[p];
@@ -164,6 +161,58 @@ pub fn score(drawn: &Layer, culled: &Layer, truth: &Layer, scale: &Scale) -> Sco
         }
     }
     scores
+}
+
+/// Indices of pixels where a drawing is open, or sticks out.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Seams {
+    pub(super) holes: Vec<usize>,
+    pub(super) folds: Vec<usize>,
+    pub(super) overdraw: Vec<usize>,
+}
+
+/// Finds holes and overdraw; see [`score`].
+pub(super) fn find_seams(
+    drawn: &Layer,
+    culled: &Layer,
+    reference: &Reduced,
+    scale: &Scale,
+) -> Seams {
+    let (width, height) = (drawn.width, drawn.height);
+    assert_eq!((width, height), (reference.width, reference.height));
+    let mut seams = Seams::default();
+    for y in 0..height {
+        for x in 0..width {
+            let p = y * width + x;
+            let ring = reference.window(x, y, scale.margin_px);
+            if drawn.covered[p] && !ring.any_covered {
+                seams.overdraw.push(p);
+            }
+            // Off the axis a pixel's ray is longer than its depth.
+            let inside =
+                ring.all_covered && !reference.jumps_within(x, y, scale.margin_px - 1, scale);
+            let shows_back = scale.backs_are_holes && drawn.back[p];
+            if inside && is_hole(if shows_back { culled } else { drawn }, p, &ring, scale) {
+                seams.holes.push(p);
+            } else if shows_back {
+                seams.folds.push(p);
+            }
+        }
+    }
+    seams
+}
+
+/// Pixels that one drawing covers and another one does not within a pixel: by so much closing seams
+/// may move an outline, and no more.
+pub(super) fn pushed_out(closed: &Layer, open: &Layer) -> Vec<usize> {
+    let (width, height) = (closed.width, closed.height);
+    assert_eq!((width, height), (open.width, open.height));
+    let near = |p: usize| {
+        let (x, y) = (p % width, p / width);
+        let square = |c: usize, end: usize| c.saturating_sub(1)..=(c + 1).min(end - 1);
+        square(y, height).any(|wy| square(x, width).any(|wx| open.covered[wy * width + wx]))
+    };
+    (0..width * height).filter(|&p| closed.covered[p] && !near(p)).collect()
 }
 
 /// Pixels of a reference of 4 × 4 samples with neither background nor a jump of depth within two
@@ -251,7 +300,7 @@ fn backward_distance(shade: f32, drawn: &Layer, x: usize, y: usize) -> usize {
 }
 
 /// The reference, summed up for each pixel.
-struct Reduced {
+pub(super) struct Reduced {
     width: usize,
     height: usize,
     all_covered: Vec<bool>,
@@ -270,7 +319,7 @@ struct Window {
 }
 
 impl Reduced {
-    fn new(truth: &Layer) -> Reduced {
+    pub(super) fn new(truth: &Layer) -> Reduced {
         let n = SAMPLES as usize;
         let (width, height) = (truth.width / n, truth.height / n);
         let count = width * height;

@@ -13,7 +13,7 @@ use crate::gpu::Gpu;
 use crate::lit::{Lit, LitPart};
 use crate::loader::{GpuMesh, GpuVertex, model_origin};
 use crate::model::Model;
-use crate::passes::{Drawn, DrawnShadow, FrameUniform, Range, Rectangle, Targets};
+use crate::passes::{Drawn, DrawnShadow, FrameUniform, Hidden, Range, Rectangle, Targets};
 use crate::scene::{Shadow, Shot};
 use crate::select::corners;
 use crate::traced::Tracer;
@@ -29,8 +29,19 @@ pub(super) struct Reference {
     tracer: Option<Tracer>,
     /// Corners of the bounds, world space.
     corners: Vec<DVec3>,
+    /// How many rays tell what is hidden of a light that is a disc, and from where.
+    pub(super) rays: Option<Rays>,
     /// Whether the file's own flag says that backs can never be seen.
     pub(super) closed_oriented: bool,
+}
+
+/// Rays to a light that is a disc.
+#[derive(Debug, Clone)]
+pub(super) struct Rays {
+    /// From each pixel.
+    pub(super) rays: u32,
+    /// The pixels; from others nothing is hidden.
+    pub(super) chosen: Vec<bool>,
 }
 
 /// Triangles copied at once.
@@ -86,6 +97,7 @@ impl Reference {
         let (low, high) = model.bounds();
         Ok(Reference {
             tracer,
+            rays: None,
             corners: corners(low, high).to_vec(),
             arenas,
             slots,
@@ -144,7 +156,20 @@ impl Reference {
         };
         let parts: Vec<LitPart> = uniforms.iter().map(|(uniform, _)| part(uniform)).collect();
         let faces = lit.face_uniforms(&parts);
-        let shadow = DrawnShadow::Traced { faces: &faces, hidden: &lit.hidden_by(tracer, targets) };
+        let usual = lit.hidden_by(tracer, targets);
+        let of_chosen = self.rays.as_ref().map(|rays| {
+            let hidden = lit.hidden_by_rays(tracer, targets, rays.rays);
+            move |face: usize, points: &[Option<[f32; 3]>]| {
+                let chosen = |(p, chosen): (&Option<[f32; 3]>, &bool)| p.filter(|_| *chosen);
+                let points: Vec<_> = points.iter().zip(&rays.chosen).map(chosen).collect();
+                hidden(face, &points)
+            }
+        });
+        let hidden: &Hidden<'_> = match &of_chosen {
+            Some(hidden) => hidden,
+            None => &usual,
+        };
+        let shadow = DrawnShadow::Traced { faces: &faces, hidden };
         let drawn = Drawn { ranges: &ranges, parts: &[], area, shadow };
         renderer.draw_ranges(gpu, &uniforms, &drawn, shot, targets)
     }

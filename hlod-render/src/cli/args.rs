@@ -444,6 +444,17 @@ pub struct AuditArgs {
     /// How many views.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub views: u32,
+    /// Look at seams alone, at each of these τ (0.5,1,4 unless given): as asked for, with mixed depths, and with half of
+    /// the nodes not loaded.
+    #[arg(long, value_name = "PX,…", num_args = 0..=1, value_delimiter = ',', default_missing_value = "0.5,1,4",
+        value_parser = positive, conflicts_with = "tau")]
+    pub seams: Vec<f64>,
+    /// Another light in each view, parallel and lamps in turn; --light-size is then in heights of the statue.
+    #[arg(long, conflicts_with_all = ["light", "seams"])]
+    pub vary_light: bool,
+    /// Which nodes mixed fronts are made of.
+    #[arg(long, default_value_t = 1, requires = "seams")]
+    pub seed: u64,
     #[command(flatten)]
     pub draw: DrawArgs,
     /// Write pictures of the worst view to this folder.

@@ -15,6 +15,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 
 use hlod_compress::RepresentationKind;
+use hlod_render::audit::seams::{SeamOptions, audit_seams};
 use hlod_render::audit::{AuditOptions, audit};
 use hlod_render::bench::{BenchOptions, bench};
 use hlod_render::camera::Camera;
@@ -111,21 +112,35 @@ fn run_simulate(cli: &Cli, args: &SimulateArgs) -> Outcome {
 }
 
 fn run_audit(cli: &Cli, args: &AuditArgs) -> Outcome {
-    if matches!(args.draw.shadow, args::ShadowArg::Soft) {
-        let why = "audit: soft shadows have no edges to compare; try --shadow hard";
-        return Err(Failure::Usage(why.into()));
-    }
     let gpu = cli.gpu(&args.draw)?;
     let framing = Framing::of(&open(&gpu, &args.file, &args.draw)?);
     let camera = framing.fitting([0.0, 0.0, 1.0], 1.0, FOV_Y_DEG);
     let [azimuth, elevation] = args.draw.light[..] else {
         return Err(Failure::Usage("audit: --light takes AZIMUTH,ELEVATION".into()));
     };
+    let path = args.path.as_deref().map(CameraPath::load).transpose()?;
+    if !args.seams.is_empty() {
+        let options = SeamOptions {
+            size: args.draw.size(),
+            views: args.views,
+            path,
+            thresholds_px: args.seams.clone(),
+            seed: args.seed,
+            pictures: args.pictures.clone(),
+        };
+        let bar = progress_bar(cli.quiet, u64::from(args.views), "views");
+        let shot = shot(&args.draw, camera, &framing)?;
+        let mut advance = |_| bar.inc(1);
+        let report = audit_seams(&gpu, &args.file, &args.against, &shot, &options, &mut advance)?;
+        bar.finish_and_clear();
+        return print(&args.json, &report, || tables::seams(&report));
+    }
     let options = AuditOptions {
         size: args.draw.size(),
         views: args.views,
-        path: args.path.as_deref().map(CameraPath::load).transpose()?,
+        path,
         light: (azimuth, elevation),
+        varied_lights: args.vary_light.then(|| args.draw.light_size.unwrap_or(0.05)),
         pictures: args.pictures.clone(),
     };
     let bar = progress_bar(cli.quiet, u64::from(args.views), "views");
@@ -165,6 +180,8 @@ fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Fail
         sample_offset_px: glam::DVec2::ZERO,
         draw_backs: false,
         backs_magenta: false,
+        draw_skirts: true,
+        mixing: hlod_render::scene::Mixing::None,
         clip: hlod_render::clip::ClipPlanes::default(),
     })
 }

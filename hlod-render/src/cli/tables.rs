@@ -5,6 +5,7 @@ use std::path::Path;
 use comfy_table::{CellAlignment, Table, presets};
 use hlod_render::Gpu;
 use hlod_render::audit::AuditReport;
+use hlod_render::audit::seams::SeamReport;
 use hlod_render::audit::shadows::EdgeDistance;
 use hlod_render::bench::BenchReport;
 use hlod_render::figure::scale::Scale;
@@ -76,6 +77,7 @@ pub fn bench(r: &BenchReport) -> String {
         ("frame, largest", ms(r.frame_ms.max)),
         ("primitives a frame", format!("{:.0}", r.primitives_mean)),
         ("… that cast shadows", format!("{:.0}", r.caster_primitives_mean)),
+        ("… parts without room", r.shadow_tiles_beyond.to_string()),
         ("points a pixel they cover", format!("{:.2}", r.points_per_covered_pixel)),
         ("stalled frames", r.stalled_frames.to_string()),
         ("frames coarser than τ", r.frames_over_tau.to_string()),
@@ -160,6 +162,17 @@ pub fn audit(r: &AuditReport) -> String {
             ("… texels too long", format!("{:.1} % of pixels", 100.0 * maps.denied_share)),
         ]);
     }
+    if let Some(penumbra) = &r.penumbra {
+        let of_hard = |soft: f64, hard: f64| format!("{soft:.3} (hard {hard:.3})");
+        rows.extend([
+            ("penumbrae, RMSE", of_hard(penumbra.rmse, penumbra.hard_rmse)),
+            ("… everywhere", of_hard(penumbra.rmse_everywhere, penumbra.hard_rmse_everywhere)),
+            (
+                "… pixels in them, elsewhere",
+                format!("{}, {}", penumbra.pixels, penumbra.pixels_elsewhere),
+            ),
+        ]);
+    }
     if let Some(edge) = &r.shadow_edge_px {
         let share = |d: &EdgeDistance| format!("{:.1} %", 100.0 * d.scored_share);
         rows.extend([
@@ -178,5 +191,38 @@ pub fn audit(r: &AuditReport) -> String {
         r.tau_px,
         r.adapter,
         table(&rows)
+    )
+}
+
+pub fn seams(r: &SeamReport) -> String {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING);
+    table.set_header(["τ", "front", "nodes", "depths", "holes", "overdraw", "pushed out", "views"]);
+    for row in &r.fronts {
+        table.add_row([
+            format!("{} px", row.tau_px),
+            row.front.to_string(),
+            format!("{:.0}", row.nodes_mean),
+            format!("{:.1}", row.depths_mean),
+            row.hole_pixels.to_string(),
+            row.overdraw_pixels.to_string(),
+            row.pushed_out_pixels.to_string(),
+            row.views_with_any.to_string(),
+        ]);
+    }
+    for column in 2..8 {
+        if let Some(values) = table.column_mut(column) {
+            values.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    format!(
+        "{} · {} · {} views · seed {}\n{}\n{}\n\
+         pushed out: pixels that what closes seams covers alone, more than a pixel from the rest; views: with any of these",
+        r.file.display(),
+        r.representation,
+        r.views,
+        r.seed,
+        r.adapter,
+        table
     )
 }

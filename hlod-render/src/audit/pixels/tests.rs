@@ -4,8 +4,13 @@ use super::*;
 
 const W: usize = 60;
 const H: usize = 40;
-const SCALE: Scale =
-    Scale { pixel_at_unit_depth: 0.01, perspective: false, tau_px: 0.5, backs_are_holes: true };
+const SCALE: Scale = Scale {
+    pixel_at_unit_depth: 0.01,
+    perspective: false,
+    tau_px: 0.5,
+    margin_px: 1,
+    backs_are_holes: true,
+};
 
 /// A disc at depth 5 with shades that vary over a few pixels, on an empty background, at `n`
 /// samples a pixel; `shift_px` moves the shades to the right, `radius` is the disc's.
@@ -135,6 +140,39 @@ fn holes_of_every_kind_are_counted() {
 fn a_strip_outside_is_overdraw_and_a_rim_of_one_pixel_is_not() {
     assert!(score(&disc(1, 0.0, 15.8), &disc(1, 0.0, 15.8), &truth(), &SCALE).overdraw.is_empty());
     assert!(score(&disc(1, 0.0, 18.0), &disc(1, 0.0, 18.0), &truth(), &SCALE).overdraw.len() > 50);
+}
+
+/// A slit that is thinner than a pixel is seen by those pixels whose middles lie in it, and a strip that is wider than
+/// what outlines may move by.
+#[test]
+fn planted_slits_and_strips_are_found() {
+    // 0.6 px wide, leaning by one pixel in twenty-five, from top to bottom of the disc.
+    let in_slit = |x: f64, y: f64| (x - 28.0 - 0.04 * y).abs() < 0.3;
+    let mut slit = good();
+    let middles = (0..W * H).filter(|p| in_slit((p % W) as f64 + 0.5, (p / W) as f64 + 0.5));
+    let open: Vec<usize> = middles.filter(|&p| slit.covered[p]).collect();
+    for &p in &open {
+        (slit.covered[p], slit.depth[p]) = (false, f32::INFINITY);
+    }
+    let found = score(&slit, &slit, &truth(), &SCALE).holes;
+    assert!(open.len() > 12 && found.len() + 3 >= open.len(), "{} of {}", found.len(), open.len());
+
+    // 3 px wide along a quarter of the outline, which only closing seams has drawn.
+    let mut strip = good();
+    let wide = disc(1, 0.0, 18.0);
+    let quarter = |p: &usize| p % W >= 30 && p / W >= 20;
+    for p in (0..W * H).filter(quarter).filter(|&p| wide.covered[p]) {
+        (strip.covered[p], strip.depth[p]) = (true, 5.0);
+    }
+    assert!(score(&strip, &strip, &truth(), &SCALE).overdraw.len() > 20);
+    assert!(pushed_out(&strip, &good()).len() > 20);
+    assert!(pushed_out(&good(), &good()).is_empty());
+    assert!(pushed_out(&disc(1, 0.0, 15.8), &good()).is_empty());
+    // Where three pixels are allowed, because something coarser is drawn meanwhile, it is none.
+    let coarse = Scale { margin_px: 4, ..SCALE };
+    assert!(score(&strip, &strip, &truth(), &coarse).overdraw.is_empty());
+    let deep = score(&slit, &slit, &truth(), &coarse).holes.len();
+    assert!(deep > 8 && deep < found.len(), "{deep}: a slit is one in any case");
 }
 
 #[test]
