@@ -131,6 +131,11 @@ pub(crate) trait Coder {
     fn symbol(&mut self, model: &mut Model, value: u32) -> u32;
     /// `count` ≤ 32 plain bits; `value` is looked at by encoders only.
     fn bits(&mut self, count: u32, value: u32) -> u32;
+    /// To be asked once for each thing of which a page may declare millions.
+    ///
+    /// # Errors
+    /// Decoders: when more has been read than there is, so that what is still to come is made up.
+    fn check_left(&self) -> Result<(), FormatError>;
 }
 
 /// Notes what is coded; [`Encoder::finish`] makes bytes of it.
@@ -163,6 +168,10 @@ impl Coder for Encoder {
             self.held_bits -= 8;
         }
         value
+    }
+
+    fn check_left(&self) -> Result<(), FormatError> {
+        Ok(())
     }
 }
 
@@ -199,7 +208,7 @@ impl Encoder {
 }
 
 /// Finds what an [`Encoder`] was told. Reading past the end gives nothing in particular, and
-/// [`Decoder::finish`] an error.
+/// [`Coder::check_left`] and [`Decoder::finish`] an error.
 pub(crate) struct Decoder {
     /// The state whose turn it is comes first.
     states: [u32; STATES],
@@ -275,6 +284,18 @@ impl Coder for Decoder {
         self.next_bit += count as usize;
         value as u32
     }
+
+    #[inline(always)]
+    fn check_left(&self) -> Result<(), FormatError> {
+        let is_over = self.next_word > self.words.len() - PADDING
+            || self.next_bit > 8 * (self.bits.len() - PADDING);
+        if is_over { Err(cut_off()) } else { Ok(()) }
+    }
+}
+
+#[cold]
+fn cut_off() -> FormatError {
+    FormatError::malformed("page", "its streams end before its content".to_owned())
 }
 
 #[cfg(test)]
@@ -324,6 +345,33 @@ mod tests {
             let mut decoder = Decoder::new(&longer, &bits).unwrap();
             all(&mut decoder, &values);
             prop_assert!(decoder.finish().is_err());
+        }
+    }
+
+    /// Nothing is amiss while a decoder reads what there is, and soon after it has read more.
+    #[test]
+    fn reading_on_past_the_end_is_noticed() {
+        let values: Vec<u32> = (0..400).map(|i| i * 7 % 16).collect();
+        let (symbols, bits) = coded(&values);
+        for (symbols, bits) in
+            [(&symbols[..], &bits[..]), (&symbols, &bits[..9]), (&symbols[..99], &bits)]
+        {
+            let mut decoder = Decoder::new(symbols, bits).unwrap();
+            let mut models = [Model::default(), Model::among(16)];
+            let mut ends_after = None;
+            for i in 0..2 * values.len() {
+                if decoder.check_left().is_err() {
+                    ends_after = ends_after.or(Some(i));
+                }
+                let found = decoder.symbol(&mut models[i % 2], 0);
+                decoder.bits(found, 0);
+            }
+            let is_whole = symbols.len() > 99 && bits.len() > 9;
+            let expected = if is_whole { 401..500 } else { 1..400 };
+            assert!(
+                ends_after.is_some_and(|n| expected.contains(&n)),
+                "{ends_after:?}, {expected:?}"
+            );
         }
     }
 

@@ -42,7 +42,7 @@ pub struct BuildOptions {
     pub precision: Option<f64>,
     /// Where the colours of vertices are taken from.
     pub colour: ColourSource,
-    /// Where each inputs: scans.iter().map(InputStamp::of) stands, in the order of these; empty where all stand where they say themselves.
+    /// Where each input stands, in the order of these; empty where all stand where they say themselves.
     pub transforms: Vec<Option<Transform>>,
     /// Differences of normals below this many times their noise in a node do not count as shading
     /// (α_tol); one step of an 8-bit shade never does.
@@ -155,10 +155,10 @@ pub fn build(
     let result = run_steps(&folder, &scans, output, options, &memory, &mut meter, progress);
     match result {
         Ok(built) => {
-            folder.remove()?;
+            remove(folder, progress);
             Ok(built.report(output, meter.finish()))
         }
-        Err(error) => Err(give_up(folder, error)?),
+        Err(error) => Err(give_up(folder, error, progress)),
     }
 }
 
@@ -177,7 +177,7 @@ pub fn prepare(
     let (folder, memory, scans) = begin(inputs, output, options, progress)?;
     match divide(&folder, &scans, options, &memory, &mut Meter::start(), progress) {
         Ok(_) => Ok(work_folder_of(output, options)),
-        Err(error) => Err(give_up(folder, error)?),
+        Err(error) => Err(give_up(folder, error, progress)),
     }
 }
 
@@ -202,11 +202,18 @@ fn begin(
 }
 
 /// Nothing is left where nothing was done, or going on would end as this did.
-fn give_up(folder: WorkFolder, error: BuildError) -> Result<BuildError, BuildError> {
+fn give_up(folder: WorkFolder, error: BuildError, progress: &dyn Progress) -> BuildError {
     if !folder.has_steps() || !error.is_passing() {
-        folder.remove()?;
+        remove(folder, progress);
     }
-    Ok(error)
+    error
+}
+
+/// What stays of the work folder decides neither whether the output is good nor why a build failed.
+fn remove(folder: WorkFolder, progress: &dyn Progress) {
+    if let Err(error) = folder.remove() {
+        progress.remark(&format!("{error}; it is needed no more"));
+    }
 }
 
 /// What the steps come to.

@@ -24,7 +24,7 @@ mod values;
 mod walk;
 
 use crate::bytes::{ByteReader, ByteWriter};
-use crate::entropy::{Decoder, Encoder, SYMBOLS_A_BYTE};
+use crate::entropy::{Coder, Decoder, Encoder, SYMBOLS_A_BYTE};
 use crate::{FormatError, Mesh, OctNormal, Points, SCALARS_MAX};
 use normals::{Expectation, best_expectation, code_normals};
 use points::{decode_points, encode_points, encoded_point_count};
@@ -345,9 +345,11 @@ fn decode_mesh(page: &[u8]) -> Result<Mesh, FormatError> {
     };
     let mut coder = Decoder::new(symbols, bits)?;
     let walked = walk(&mut coder, declared, None)?;
+    coder.check_left()?;
     let normals = code_normals(&mut coder, &walked, normal_shift.into(), expectation, None);
     let mut scalars = Vec::new();
     for (k, shift) in shifts.into_iter().enumerate() {
+        coder.check_left()?;
         let count = walked.positions.len();
         let codes = scalars::code_scalar(&mut coder, &walked, (count, shift), None);
         scalars::add_column(&mut scalars, k, &codes);

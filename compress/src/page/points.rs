@@ -129,6 +129,7 @@ pub(crate) fn decode_points(page: &[u8]) -> Result<Points, FormatError> {
     let mut coder = Decoder::new(symbols, bits)?;
     let mut points = code(&mut coder, &declared, None)?;
     for (k, shift) in shifts.into_iter().enumerate() {
+        coder.check_left()?;
         let codes = scalars::code_scalar(&mut coder, &points, (points.len(), shift), None);
         scalars::add_column(&mut points.scalars, k, &codes);
     }
@@ -204,6 +205,7 @@ fn code<C: Coder>(
         let all = Cell { low: [0; 3], bits, first: first as u32, count, thin: 0 };
         let mut stack = vec![all];
         while let Some(cell) = stack.pop().filter(|cell| cell.count > 0) {
+            coder.check_left()?;
             let axis = longest(cell.bits);
             if cell.count > 1 && cell.bits[axis] > 0 {
                 let [low, high] = halves.code(coder, cell, axis, &mut truth)?;
@@ -213,12 +215,14 @@ fn code<C: Coder>(
             }
         }
         for at in first..end {
+            coder.check_left()?;
             attributes.code(coder, &mut out, first, at, declared.has_colours, &truth);
         }
         first = end;
     }
     // Of the beginnings, how much larger than their own their points' radii are.
     for (prefix, &end) in declared.ends.iter().rev().skip(1).rev().enumerate() {
+        coder.check_left()?;
         let mut growth = Signed::<1>::new(0);
         let mut radii = Vec::with_capacity(end);
         for at in 0..end {

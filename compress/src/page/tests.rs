@@ -59,6 +59,15 @@ fn meshes_survive_coding() {
     assert_survives(&Mesh::default(), 0);
 }
 
+/// Once found by random changes: encoding took the square of their number, here a minute.
+#[test]
+fn many_vertices_of_no_triangle_survive_coding() {
+    let mut mesh = grid_mesh(3, 0, false);
+    mesh.positions.resize(300_000, [1, 2, 0]);
+    mesh.normals.resize(300_000, OctNormal::encode([0.0, 0.0, 1.0]));
+    assert_survives(&mesh, 0);
+}
+
 /// Vertices' values, sorted: those that no triangle uses must survive as well.
 fn vertices(mesh: &Mesh) -> Vec<Corner> {
     let colour = |v: usize| mesh.colours.get(v).copied().unwrap_or_default();

@@ -19,6 +19,8 @@ pub(super) struct Truth<'a> {
     met: Vec<u32>,
     /// The first triangle that may not have been visited.
     first_unvisited: usize,
+    /// The first vertex that may not have been met, when all triangles have been visited.
+    first_unmet: usize,
 }
 
 impl<'a> Truth<'a> {
@@ -30,7 +32,17 @@ impl<'a> Truth<'a> {
             visited: vec![false; mesh.triangles.len()],
             met: vec![NONE; mesh.positions.len()],
             first_unvisited: 0,
+            first_unmet: 0,
         }
+    }
+
+    /// A vertex that no triangle uses, once all triangles have been visited.
+    fn unmet(&mut self) -> Option<u32> {
+        // From where the last one was: searched from the start each time, a page of nothing but
+        // these would take the square of their number.
+        let unmet = self.met[self.first_unmet..].iter().position(|&m| m == NONE)?;
+        self.first_unmet += unmet;
+        Some(self.first_unmet as u32)
     }
 
     fn corner(&self, half_edge: u32) -> u32 {
@@ -131,8 +143,8 @@ pub(super) fn walk<C: Coder>(
     }
     // Vertices that no triangle uses.
     while walk.out.positions.len() < vertices {
-        let source = walk.truth.as_ref().and_then(|t| t.met.iter().position(|&m| m == NONE));
-        walk.start_vertex(source.map_or(NONE, |v| v as u32), 0)?;
+        let source = walk.truth.as_mut().and_then(Truth::unmet);
+        walk.start_vertex(source.unwrap_or(NONE), 0)?;
     }
     Ok(walk.out)
 }
@@ -194,6 +206,7 @@ impl<C: Coder> Walk<'_, '_, C> {
         if !C::ENCODES && new >= self.declared.vertices {
             return Err(bad("it has more vertices than declared"));
         }
+        self.coder.check_left()?;
         if self.declared.has_colours {
             let predicted = parents.map(|v| self.out.colours.get(v as usize).copied());
             let predicted = predicted.map(Option::unwrap_or_default);
@@ -286,6 +299,7 @@ impl<C: Coder> Walk<'_, '_, C> {
             if !C::ENCODES && self.out.triangles.len() == self.declared.triangles {
                 return Err(bad("it has more triangles than declared"));
             }
+            self.coder.check_left()?;
             let half_edges =
                 sides.map_or([0; 2], |h| [next_corner(h), next_corner(next_corner(h))]);
             let source = match &self.truth {

@@ -140,7 +140,7 @@ struct FileStamp {
 /// An open work folder, locked against other builds.
 pub(crate) struct WorkFolder {
     path: PathBuf,
-    journal: std::sync::Mutex<File>,
+    journal: std::sync::Mutex<OpenJournal>,
     /// Steps that are done.
     done: HashSet<String>,
     /// Files that were removed because nothing needed them.
@@ -159,7 +159,11 @@ impl WorkFolder {
     pub(crate) fn start(path: &Path, identity: &Identity) -> Result<WorkFolder, BuildError> {
         std::fs::create_dir_all(path).map_err(BuildError::io(path, "create"))?;
         let mut names = std::fs::read_dir(path).map_err(BuildError::io(path, "read"))?;
-        let foreign = names.any(|entry| entry.is_ok_and(|e| e.file_name() != LOCK));
+        // What a build leaves that ended before its first line was written is nothing.
+        let begun = has_begun(path);
+        let foreign = names.any(|entry| {
+            entry.is_ok_and(|e| e.file_name() != LOCK && (begun || e.file_name() != JOURNAL))
+        });
         if foreign {
             return Err(BuildError::Usage(format!(
                 "{}: holds an unfinished build or other files; give --resume to go on with it, or remove it",
@@ -168,11 +172,16 @@ impl WorkFolder {
         }
         let lock = lock(path, Lock::Alone)?;
         let journal = path.join(JOURNAL);
-        let mut file = File::create_new(&journal).map_err(BuildError::io(&journal, "create"))?;
-        append(&mut file, identity, &journal)?;
+        let mut file = File::create(&journal).map_err(BuildError::io(&journal, "create"))?;
+        if let Err(error) = append(&mut file, identity, &journal) {
+            // The next build takes what cannot be removed for nothing.
+            let _ = [&journal, &path.join(LOCK)].map(std::fs::remove_file);
+            let _ = std::fs::remove_dir(path);
+            return Err(error);
+        }
         Ok(WorkFolder {
             path: path.to_owned(),
-            journal: file.into(),
+            journal: OpenJournal::of(file),
             done: HashSet::new(),
             discarded: HashSet::new(),
             stamps: HashMap::new(),
@@ -191,7 +200,7 @@ impl WorkFolder {
         remark: &mut dyn FnMut(String),
     ) -> Result<WorkFolder, BuildError> {
         let journal = path.join(JOURNAL);
-        if !journal.exists() {
+        if !has_begun(path) {
             return Err(BuildError::Usage(format!(
                 "{}: holds no unfinished build; leave --resume away to start one",
                 path.display()
@@ -215,7 +224,7 @@ impl WorkFolder {
         let stamps = done.values().flatten().map(|s| (s.name.clone(), s.clone())).collect();
         Ok(WorkFolder {
             path: path.to_owned(),
-            journal: file.into(),
+            journal: OpenJournal::of(file),
             done: done.into_keys().collect(),
             discarded,
             identity: before,
@@ -237,7 +246,7 @@ impl WorkFolder {
         let stamps = done.values().flatten().map(|s| (s.name.clone(), s.clone())).collect();
         Ok(WorkFolder {
             path: path.to_owned(),
-            journal: file.map_err(BuildError::io(&journal, "open"))?.into(),
+            journal: OpenJournal::of(file.map_err(BuildError::io(&journal, "open"))?),
             done: done.into_keys().collect(),
             discarded,
             identity: before,
@@ -284,7 +293,7 @@ impl WorkFolder {
     pub(crate) fn has_steps(&self) -> bool {
         let journal = self.journal.lock().unwrap_or_else(|e| e.into_inner());
         let header = serde_json::to_vec(&self.identity).map_or(0, |text| text.len() as u64 + 1);
-        journal.metadata().is_ok_and(|m| m.len() > header)
+        journal.file.metadata().is_ok_and(|m| m.len() > header)
     }
 
     pub(crate) fn is_done(&self, step: &str) -> bool {
@@ -306,7 +315,7 @@ impl WorkFolder {
         let path = self.file(JOURNAL);
         let mut file = File::create(&path).map_err(BuildError::io(&path, "create"))?;
         append(&mut file, &self.identity, &path)?;
-        self.journal = file.into();
+        self.journal = OpenJournal::of(file);
         self.done.clear();
         self.discarded.clear();
         Ok(())
@@ -331,14 +340,14 @@ impl WorkFolder {
         let files = files.par_iter().map(|name| FileStamp::of(&self.path, name));
         let line = Line::Done { step: step.to_owned(), files: files.collect::<Result<_, _>>()? };
         let mut journal = self.journal.lock().unwrap_or_else(|e| e.into_inner());
-        append(&mut journal, &line, &self.path.join(JOURNAL))
+        journal.append(&line, &self.path.join(JOURNAL))
     }
 
     /// Removes files that no step needs any more.
     pub(crate) fn discard(&self, names: &[&str]) -> Result<(), BuildError> {
         let line = Line::Discarded { names: names.iter().map(|n| (*n).to_owned()).collect() };
         let mut journal = self.journal.lock().unwrap_or_else(|e| e.into_inner());
-        append(&mut journal, &line, &self.path.join(JOURNAL))?;
+        journal.append(&line, &self.path.join(JOURNAL))?;
         for name in names {
             let path = self.file(name);
             match std::fs::remove_file(&path) {
@@ -430,6 +439,39 @@ fn checksum(mut file: File) -> std::io::Result<(u64, u32)> {
         }
         hasher.update(&buffer[..count]);
         bytes += count as u64;
+    }
+}
+
+/// Whether there is a journal with a line, which is written before anything else. One that cannot be read
+/// counts as well, so that reading it again says why.
+fn has_begun(folder: &Path) -> bool {
+    match std::fs::read(folder.join(JOURNAL)) {
+        Ok(text) => text.contains(&b'\n'),
+        Err(error) => error.kind() != std::io::ErrorKind::NotFound,
+    }
+}
+
+/// A journal that lines are added to.
+struct OpenJournal {
+    file: File,
+    /// Why a line was not written whole. What followed would be part of it, and lost: so nothing follows.
+    torn: Option<std::io::ErrorKind>,
+}
+
+impl OpenJournal {
+    fn of(file: File) -> std::sync::Mutex<OpenJournal> {
+        OpenJournal { file, torn: None }.into()
+    }
+
+    fn append(&mut self, line: &impl Serialize, path: &Path) -> Result<(), BuildError> {
+        if let Some(kind) = self.torn {
+            return Err(BuildError::io(path, "write")(kind.into()));
+        }
+        let added = append(&mut self.file, line, path);
+        if let Err(BuildError::Io { source, .. }) = &added {
+            self.torn = Some(source.kind());
+        }
+        added
     }
 }
 

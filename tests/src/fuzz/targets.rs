@@ -77,10 +77,18 @@ pub fn target(name: &str) -> &'static Target {
     found.unwrap_or_else(|| panic!("there is no target {name}"))
 }
 
+/// A page that holds more vertices, triangles and points is not coded again: a few kilobytes may declare
+/// four million vertices, which decode in a second and take several to encode.
+const CODED_AGAIN_MAX: usize = 1 << 18;
+
 /// What a page holds can be coded again and comes back as it was.
 fn page(bytes: &[u8]) -> bool {
     let Ok(content) = decode_page(bytes) else { return false };
     content.mesh.validate().expect("a mesh that was decoded is consistent");
+    let mesh = &content.mesh;
+    if mesh.positions.len().max(mesh.triangles.len()).max(content.points.len()) > CODED_AGAIN_MAX {
+        return true;
+    }
     if let Ok(page) = encode_page(&content, 0, 0) {
         let again = decode_page(&page).expect("what was encoded can be decoded");
         assert_eq!(again.mesh.triangles.len(), content.mesh.triangles.len());

@@ -3,6 +3,8 @@
 
 mod builds;
 mod containers;
+#[cfg(target_os = "linux")]
+mod faults;
 mod links;
 mod pictures;
 mod scans;

@@ -1,5 +1,6 @@
 //! The commands of this repository: `./x demo`, `./x test`, `./x bless`,
-//! `./x scale`, `./x report`, `./x bench`, `./x pictures`, `./x fuzz`, `./x soak`.
+//! `./x scale`, `./x report`, `./x bench`, `./x pictures`, `./x fuzz`, `./x soak`,
+//! `./x sanitize`.
 //!
 //! Depends on the standard library only, so that it compiles in seconds and can say what the
 //! system lacks, and how long the rest takes, before anything heavy begins.
@@ -10,6 +11,7 @@ mod fuzz;
 mod options;
 mod report;
 mod run;
+mod sanitize;
 mod scale;
 mod soak;
 mod system;
@@ -49,6 +51,7 @@ fn main() -> ExitCode {
         Command::Targets => targets::targets(),
         Command::Fuzz { arguments } => fuzz::fuzz(&arguments),
         Command::Soak { arguments } => soak::soak(&arguments),
+        Command::Sanitize { with_miri } => sanitize::sanitize(with_miri),
     });
     let (message, status) = match result {
         Ok(status) => return status,

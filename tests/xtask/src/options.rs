@@ -33,6 +33,10 @@ pub enum Command {
     Soak {
         arguments: Vec<String>,
     },
+    Sanitize {
+        /// With Miri instead of AddressSanitizer.
+        with_miri: bool,
+    },
 }
 
 #[derive(Debug, PartialEq, Eq)]
@@ -74,6 +78,7 @@ pub fn parse(arguments: impl IntoIterator<Item = String>) -> Result<Command, Fai
         "bench" => Ok(Command::Bench { arguments: arguments.collect() }),
         "pictures" => Ok(Command::Pictures { arguments: arguments.collect() }),
         "fuzz" => Ok(Command::Fuzz { arguments: arguments.collect() }),
+        "sanitize" => sanitize(arguments),
         "soak" => Ok(Command::Soak { arguments: arguments.collect() }),
         "help" | "-h" | "--help" => Ok(Command::Help),
         _ => Err(Failure::Usage(format!("There is no command '{command}'."))),
@@ -134,6 +139,15 @@ fn bless(mut arguments: impl Iterator<Item = String>) -> Result<Command, Failure
     }
 }
 
+fn sanitize(mut arguments: impl Iterator<Item = String>) -> Result<Command, Failure> {
+    let argument = arguments.next();
+    let with_miri = argument.as_deref() == Some("--miri");
+    match argument.filter(|_| !with_miri).or(arguments.next()) {
+        None => Ok(Command::Sanitize { with_miri }),
+        Some(other) => Err(unexpected(&other)),
+    }
+}
+
 /// Digits with an optional K or M, which is also safe as part of a file's name.
 fn count(argument: Option<String>) -> Result<String, Failure> {
     let text = argument.unwrap_or_default();
@@ -185,6 +199,8 @@ mod tests {
         );
         let arguments = vec!["--seconds".to_owned(), "5".into(), "ply".into()];
         assert_eq!(parsed("fuzz --seconds 5 ply"), Some(Command::Fuzz { arguments }));
+        assert_eq!(parsed("sanitize"), Some(Command::Sanitize { with_miri: false }));
+        assert_eq!(parsed("sanitize --miri"), Some(Command::Sanitize { with_miri: true }));
         assert_eq!(parsed("bless igea"), Some(Command::Bless { name: "igea".into() }));
     }
 
@@ -192,6 +208,8 @@ mod tests {
     fn wrong_usage_is_refused() {
         for line in [
             "tset",
+            "sanitize --mini",
+            "sanitize --miri ply",
             "demo statue",
             "demo --triangles",
             "demo --triangles ../x",

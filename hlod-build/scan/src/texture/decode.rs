@@ -33,7 +33,15 @@ pub(super) struct Decoded {
 }
 
 /// Decodes a PNG, JPEG or TIFF image within `allowed` bytes, those of `encoded` included.
+///
+/// Damaged images make decoders panic: a JPEG did, found by random changes.
 pub(super) fn decode(encoded: &[u8], allowed: u64) -> Result<Decoded, Refusal> {
+    std::panic::catch_unwind(|| decoded(encoded, allowed)).unwrap_or_else(|_| {
+        Err(Refusal::Unusable("cannot be decoded: it is damaged; save it anew".to_owned()))
+    })
+}
+
+fn decoded(encoded: &[u8], allowed: u64) -> Result<Decoded, Refusal> {
     let unusable = |what: &str| Refusal::Unusable(what.to_owned());
     let mut reader = ImageReader::new(Cursor::new(encoded))
         .with_guessed_format()
