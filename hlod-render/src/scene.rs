@@ -374,7 +374,7 @@ impl Mixing {
 
     /// Whether a node counts as not loaded; the root always is.
     pub(crate) fn lacks(self, node: &Node) -> bool {
-        matches!(self, Mixing::HalfLoaded { seed } if node.depth > 0 && chance(seed, node) % Mixing::LACKING == 0)
+        matches!(self, Mixing::HalfLoaded { seed } if node.depth > 0 && chance(seed, node).is_multiple_of(Mixing::LACKING))
     }
 }
 

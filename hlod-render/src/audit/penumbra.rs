@@ -191,8 +191,8 @@ mod tests {
     #[test]
     fn strata_count_by_what_they_stand_for_and_wrong_shadows_are_told() {
         // A tenth of the pixels is in the penumbra, where soft ones are off by 0.1 and hard ones by 0.5.
-        let mut scores = PenumbraScores::default();
-        scores.strata = [(Sum::default(), 100), (Sum::default(), 900)];
+        let strata = [(Sum::default(), 100), (Sum::default(), 900)];
+        let mut scores = PenumbraScores { strata, ..PenumbraScores::default() };
         for _ in 0..50 {
             scores.strata[0].0.add([0.6, 1.0, 0.5]);
             scores.inside.add([0.6, 1.0, 0.5]);

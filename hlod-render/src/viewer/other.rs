@@ -12,7 +12,7 @@ use crate::frame::Renderer;
 use crate::framing::Framing;
 use crate::gpu::Gpu;
 use crate::model::{Model, ModelLimits};
-use crate::scene::{Representation, Shadow, Shot};
+use crate::scene::{Representation, Shot};
 
 /// The second statue.
 pub struct Other {
