@@ -12,10 +12,10 @@ use crate::arena::{Arena, ArenaSize, Slot};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::loader::{Completion, GpuMesh, Loaded, Loader, SourceLoader, decode, model_origin};
-use crate::need::{Need, Plan};
-use crate::residency::{DueTimes, HORIZON_SECS, due_times, requests, victim};
+use crate::need::Plan;
+use crate::residency::{DueTimes, due_times, requests, victim};
 use crate::select::{Front, Wanted, page_ticket, parse_ticket};
-use crate::skeleton::{ChildLink, Node, Skeleton};
+use crate::skeleton::{ChildLink, Skeleton};
 use crate::source::{Source, cache_folder};
 
 /// Limits under which a model is shown.
@@ -332,18 +332,19 @@ impl Model {
         Ok(())
     }
 
-    /// Finds what will be wanted soon, to be asked for and kept.
-    pub fn plan(&mut self, need: &Need<'_>) {
-        if !self.limits.prefetch {
-            return;
-        }
-        // Some room is lost between pages.
-        let bytes = self.limits.gpu_bytes / 10 * 9;
-        let gpu_bytes = |node: &Node, r: usize| {
-            let r = &node.representations[r];
-            ArenaSize::bytes_of(r.vertices.into(), r.triangles.into(), r.points.into())
-        };
-        self.plan = need.plan(&self.skeleton, HORIZON_SECS, bytes, &gpu_bytes);
+    /// Whether anything is to be loaded before it is wanted.
+    pub(crate) fn reads_ahead(&self) -> bool {
+        self.limits.prefetch
+    }
+
+    /// Bytes that may be planned for: some room is lost between pages.
+    pub(crate) fn room_bytes(&self) -> u64 {
+        self.limits.gpu_bytes / 10 * 9
+    }
+
+    /// What will be wanted soon: it is asked for and kept from now on.
+    pub(crate) fn expect(&mut self, plan: Plan) {
+        self.plan = plan;
     }
 
     /// Asks for what fronts lack, and notes what they use.

@@ -3,10 +3,11 @@
 
 use std::collections::{HashMap, HashSet};
 
+use crate::arena::ArenaSize;
 use crate::loader::{Part, Ticket};
 use crate::need::Plan;
 use crate::select::{Wanted, block_ticket, page_ticket};
-use crate::skeleton::Skeleton;
+use crate::skeleton::{Node, Skeleton};
 
 /// A node and one of its representations.
 pub type Page = (u32, usize);
@@ -22,6 +23,12 @@ pub type DueTimes = HashMap<Page, f64>;
 /// Due times of a plan's pages.
 pub fn due_times(plan: &Plan) -> DueTimes {
     plan.pages.iter().map(|due| (due.what, due.secs)).collect()
+}
+
+/// Bytes on the GPU that a page takes, about.
+pub(crate) fn page_bytes(node: &Node, representation: usize) -> u64 {
+    let r = &node.representations[representation];
+    ArenaSize::bytes_of(r.vertices.into(), r.triangles.into(), r.points.into())
 }
 
 /// Everything to ask for, the most urgent first: what frames lack, in their order, then what will be
