@@ -13,7 +13,7 @@ use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::loader::{Completion, GpuMesh, Loaded, Loader, SourceLoader, decode, model_origin};
 use crate::need::Plan;
-use crate::residency::{DueTimes, due_times, requests, victim};
+use crate::residency::{DueTimes, Refused, due_times, requests, victim};
 use crate::select::{Front, Wanted, page_ticket, parse_ticket};
 use crate::skeleton::{ChildLink, Skeleton};
 use crate::source::{Source, cache_folder};
@@ -85,6 +85,8 @@ pub struct Model {
     problems: Vec<String>,
     /// Parts for which the GPU had no memory, until something makes room.
     unplaced: HashSet<u64>,
+    /// What was read ahead in vain.
+    refused: Refused,
     /// Why nothing comes at present.
     link_problem: Option<String>,
     bytes_read: u64,
@@ -143,6 +145,7 @@ impl Model {
             drawn_bytes: 0,
             damaged: HashSet::new(),
             unplaced: HashSet::new(),
+            refused: Refused::default(),
             problems: Vec::new(),
             link_problem: None,
             bytes_read: 0,
@@ -382,7 +385,8 @@ impl Model {
             let is_hopeless = self.damaged.contains(&ticket) || self.unplaced.contains(&ticket);
             resident || waiting.contains(&ticket) || is_hopeless
         };
-        self.loader.submit(requests(&mut wanted, &self.plan, &self.skeleton, &has));
+        let allows = |page| self.refused.allows(page, self.frame);
+        self.loader.submit(requests(&mut wanted, &self.plan, &self.skeleton, &has, &allows));
     }
 
     /// Finds room for a mesh: in an arena, in a new one within the budget, or where something is that
@@ -394,6 +398,7 @@ impl Model {
                 if let Some(slot) = arena.insert(gpu, mesh, i) {
                     let resident = Resident { slot, last_used: self.frame, was_drawn: false };
                     self.slots.insert(key, resident);
+                    self.refused.forget(key);
                     return Ok(());
                 }
             }
@@ -404,6 +409,7 @@ impl Model {
                     continue;
                 }
                 if for_secs >= 0.0 {
+                    self.refused.note(key, self.frame);
                     return Ok(());
                 }
             }

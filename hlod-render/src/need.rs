@@ -299,6 +299,13 @@ impl Plan {
         self
     }
 
+    /// The same, but all of it so much later.
+    pub(crate) fn later_by(mut self, secs: f64) -> Plan {
+        self.pages.iter_mut().for_each(|due| due.secs += secs);
+        self.blocks.iter_mut().for_each(|due| due.secs += secs);
+        self
+    }
+
     /// Both, the soonest first and each page once, as long as the pages fit.
     pub(crate) fn merged(self, other: Plan, skeleton: &Skeleton, budget: Budget<'_>) -> Plan {
         let mut pages = self.pages;

@@ -9,7 +9,7 @@ use crate::casters::ahead::{CastersAhead, Outlook, SLICE_ENDS, receivers_of};
 use crate::frame::selection;
 use crate::model::Model;
 use crate::need::{Budget, LightTracker, Need, PaceTracker, Plan, plan_by};
-use crate::residency::{HORIZON_SECS, page_bytes};
+use crate::residency::{CASTERS_LATER_SECS, HORIZON_SECS, page_bytes};
 use crate::scene::Shot;
 use crate::select::View;
 use crate::skeleton::Skeleton;
@@ -47,6 +47,7 @@ pub(crate) fn plans(models: &[Shown<'_>], outlook: Option<&Outlook<'_>>) -> Vec<
     let with_casters = |(m, plan): (&Shown<'_>, Plan)| {
         let ahead = CastersAhead::new(outlook, &boxes, m.world_from_model, &SLICE_ENDS);
         let casters = ahead.plan(m.skeleton, m.budget.bytes, m.budget.bytes_of);
+        let casters = casters.later_by(CASTERS_LATER_SECS);
         plan.merged(casters, m.skeleton, m.budget).until(HORIZON_SECS)
     };
     models.iter().zip(receivers).map(with_casters).collect()

@@ -22,7 +22,7 @@ use crate::loader::{Part, Ticket, model_origin};
 use crate::need::{Budget, LightTracker, Need, Pace, PaceTracker, Plan};
 use crate::path::CameraPath;
 use crate::prefetch::{Shown, plans};
-use crate::residency::{DueTimes, Page, due_times, page_bytes, requests, victim};
+use crate::residency::{DueTimes, Page, Refused, due_times, page_bytes, requests, victim};
 use crate::scene::Light;
 use crate::select::{Draw, Front, Selection, View, Wanted, corners, parse_ticket, select};
 use crate::skeleton::{ChildLink, Skeleton};
@@ -236,6 +236,7 @@ struct Run<'a> {
     coming: Vec<(f64, Ticket, Part)>,
     link_free_at: f64,
     due: DueTimes,
+    refused: Refused,
     frame: u64,
     bytes_read: u64,
     bytes_drawn: u64,
@@ -268,6 +269,7 @@ impl<'a> Run<'a> {
             coming: Vec::new(),
             link_free_at: 0.0,
             due: DueTimes::new(),
+            refused: Refused::default(),
             frame: 0,
             bytes_read: header.front_bytes,
             bytes_drawn: 0,
@@ -428,10 +430,11 @@ impl<'a> Run<'a> {
             };
             here || on_its_way.contains(&ticket)
         };
-        let mut list = requests(&mut wanted, plan, &self.skeleton, &has);
+        let allows = |page| self.refused.allows(page, self.frame);
+        let mut list = requests(&mut wanted, plan, &self.skeleton, &has, &allows);
         if let Some(later) = later {
             let mut wanted: Vec<&Wanted> = later.wanted().collect();
-            list.extend(requests(&mut wanted, &Plan::default(), &self.skeleton, &has));
+            list.extend(requests(&mut wanted, &Plan::default(), &self.skeleton, &has, &allows));
         }
         for (ticket, part) in list {
             if self.coming.len() >= IN_FLIGHT_MAX || self.link_free_at > now + AHEAD_SECS {
@@ -477,13 +480,14 @@ impl<'a> Run<'a> {
                     let kept = self.kept.remove(&victim);
                     self.kept_bytes -= kept.map_or(0, |kept| kept.bytes);
                 }
-                None if for_secs >= 0.0 => return,
+                None if for_secs >= 0.0 => return self.refused.note(page, self.frame),
                 // What is drawn has to be there.
                 None => break,
             }
         }
         self.kept_bytes += bytes;
         let kept = Kept { bytes, last_used: self.frame, was_drawn: false };
+        self.refused.forget(page);
         if let Some(before) = self.kept.insert(page, kept) {
             self.kept_bytes -= before.bytes;
         }

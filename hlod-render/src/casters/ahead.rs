@@ -22,8 +22,9 @@ use crate::scene::Light;
 use crate::select::{Measure, corners};
 use crate::skeleton::{Node, Skeleton};
 
-/// Ends of the slices of time that are looked at.
-pub const SLICE_ENDS: [f64; 3] = [0.0, 0.05, 0.1];
+/// Ends of the slices of time that are looked at. What would be due later than the last but one is not
+/// asked for: see [`crate::residency::CASTERS_LATER_SECS`].
+pub const SLICE_ENDS: [f64; 4] = [0.0, 0.02, 0.04, 0.06];
 
 /// A picture with shadows, and how fast it may change.
 #[derive(Debug, Clone, Copy)]

@@ -194,8 +194,7 @@ fn plans_are_in_order_and_within_limits() {
     assert_eq!(all.clone().merged(all.clone(), &casters, budget(u64::MAX)), all);
     let few = all.clone().merged(Plan::default(), &casters, budget(205));
     assert_eq!(few.pages, all.pages[..20]);
-    let mut later = all.clone();
-    later.pages.iter_mut().for_each(|due| due.secs += 1.0);
+    let later = all.clone().later_by(1.0);
     assert_eq!(later.clone().merged(all.clone(), &casters, budget(u64::MAX)), all);
     assert_eq!(later.until(1.0).pages.len(), all.clone().until(0.0).pages.len());
 }
