@@ -91,7 +91,7 @@ fn a_fast_link_shows_everything() {
     let options = SimulationOptions { shadows: Some(shadows), ..fast };
     let report = simulate(&hlod, &path, &options, &mut || {}).unwrap();
     let casters = |policy| report_of(&report, policy).casters.unwrap();
-    assert!(casters(Policy::DueReceivers).frames_missing_casters > 0, "{report:?}");
+    assert!(casters(Policy::KeepNothing).frames_missing_casters > 0, "{report:?}");
     assert_eq!(casters(Policy::Due).frames_missing_casters, 0, "{report:?}");
     assert_eq!(casters(Policy::Due).frames_over_2tau, 0, "{report:?}");
 }
@@ -107,13 +107,17 @@ fn turning(light: Light, turn_deg_per_sec: f64) -> SimulatedShadows {
 fn reading_casters_ahead_helps() {
     let folder = tempfile::tempdir().unwrap();
     let hlod = ball(folder.path());
-    let lights =
-        [Light::Directional(DVec3::new(-1.0, 0.4, 0.4)), Light::Point(DVec3::new(-1.5, 0.5, 1.5))];
+    // Enough for all of it: this is of the link, not of what makes room.
+    let cache_bytes = 100_000_000;
+    let lights = [
+        Light::Directional(DVec3::new(-0.68, 0.26, 0.68)),
+        Light::Point(DVec3::new(-1.53, 0.51, 1.53)),
+    ];
     for light in lights {
         let (mut ahead, mut when_lacking) = ((0, 0), (0, 0));
         for path in ["approach.json", "sweep.json"] {
             let options =
-                SimulationOptions { shadows: Some(turning(light, 30.0)), ..slow_link(3_000_000) };
+                SimulationOptions { shadows: Some(turning(light, 30.0)), ..slow_link(cache_bytes) };
             let report = simulate(&hlod, &recorded(path), &options, &mut || {}).unwrap();
             let sum = |of: &mut (u32, u32), policy| {
                 let report = report_of(&report, policy);
