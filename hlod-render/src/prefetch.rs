@@ -45,15 +45,10 @@ pub(crate) fn plans(models: &[Shown<'_>], outlook: Option<&Outlook<'_>>) -> Vec<
         .flat_map(|(m, plan)| receivers_of(plan, m.skeleton, &m.world_from_model))
         .collect();
     let with_casters = |(m, plan): (&Shown<'_>, Plan)| {
-        let within = |ends: &[f64]| {
-            let ahead = CastersAhead::new(outlook, &boxes, m.world_from_model, ends);
-            ahead.plan(m.skeleton, m.budget.bytes, m.budget.bytes_of)
-        };
-        // What casts now must not make room for what is seen soon, or it is wanted again.
-        let now = within(&[0.0]);
-        let soon = within(&SLICE_ENDS).later_by(CASTERS_LATER_SECS);
-        let plan = plan.merged(now, m.skeleton, m.budget);
-        plan.merged(soon, m.skeleton, m.budget).until(HORIZON_SECS)
+        let ahead = CastersAhead::new(outlook, &boxes, m.world_from_model, &SLICE_ENDS);
+        let casters = ahead.plan(m.skeleton, m.budget.bytes, m.budget.bytes_of);
+        let casters = casters.later_by(CASTERS_LATER_SECS);
+        plan.merged(casters, m.skeleton, m.budget).until(HORIZON_SECS)
     };
     models.iter().zip(receivers).map(with_casters).collect()
 }

@@ -17,7 +17,7 @@ pub type Page = (u32, usize);
 /// more only reads more that is never drawn (`hlod-render simulate`).
 pub const HORIZON_SECS: f64 = 0.1;
 
-/// What will cast soon is asked for as if it were due so much later than it is, and makes room sooner: shadows that are
+/// Casters are asked for as if they were due so much later than they are, and make room sooner: shadows that are
 /// too coarse show less than surfaces that are. Where a link has to choose between the two, asking for both
 /// alike leaves surfaces coarse, and does not even help shadows, which fall on these
 /// (`bench-paths/NOTES.md`, "Streaming").
