@@ -5,12 +5,16 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 use divan::Bencher;
-use glam::DMat4;
+use glam::{DMat4, DVec3};
 use hlod_compress::{HlodFile, RepresentationKind};
 use hlod_render::camera::Camera;
+use hlod_render::casters::ahead::{CastersAhead, Outlook, SLICE_ENDS, receivers_of};
+use hlod_render::casters::{CasterView, Casting, select_casters};
 use hlod_render::framing::Framing;
+use hlod_render::need::{Need, Pace, Plan};
 use hlod_render::path::CameraPath;
-use hlod_render::select::{Selection, View, select};
+use hlod_render::scene::{CASTER_THRESHOLD_PX, INTENSITY_STEP, Light};
+use hlod_render::select::{Selection, View, corners, select};
 use hlod_render::skeleton::{ChildLink, Skeleton};
 
 const SIZE: (u32, u32) = (640, 480);
@@ -77,4 +81,76 @@ fn select_receivers(bencher: Bencher<'_, '_>) {
         let view = View::new(camera, scene.world_from_model, SIZE.0, SIZE.1);
         select(&scene.skeleton, &view, SELECTION, &|_, _| true)
     });
+}
+
+/// What may be planned for.
+const PLANNED_BYTES: u64 = 100 << 20;
+/// Parallel light from the upper left.
+const CASTING: Casting = Casting {
+    light: Light::Directional(DVec3::new(-1.0, 1.0, 1.0)),
+    light_radius: 0.0,
+    threshold_px: CASTER_THRESHOLD_PX,
+    intensity_step: INTENSITY_STEP,
+};
+
+/// What the receivers' plan costs, from the next of 120 cameras each time.
+#[divan::bench]
+fn plan_receivers(bencher: Bencher<'_, '_>) {
+    let scene = &*SCENE;
+    let cameras = std::cell::Cell::new(0);
+    bencher.bench_local(|| {
+        cameras.set((cameras.get() + 1) % scene.cameras.len());
+        planned(scene, &scene.cameras[cameras.get()])
+    });
+}
+
+/// What that of casters costs besides.
+#[divan::bench]
+fn plan_casters(bencher: Bencher<'_, '_>) {
+    let scene = &*SCENE;
+    let plans: Vec<Plan> = scene.cameras.iter().map(|camera| planned(scene, camera)).collect();
+    let cameras = std::cell::Cell::new(0);
+    bencher.bench_local(|| {
+        let next = (cameras.get() + 1) % scene.cameras.len();
+        cameras.set(next);
+        let camera = &scene.cameras[next];
+        let placed = scene.world_from_model;
+        let boxes = receivers_of(&plans[next], &scene.skeleton, &placed);
+        let (pace, light_speed) = (pace(scene), 0.5);
+        let outlook = Outlook { casting: CASTING, camera, size: SIZE, pace, light_speed };
+        let ahead = CastersAhead::new(&outlook, &boxes, placed, &SLICE_ENDS);
+        ahead.plan(&scene.skeleton, PLANNED_BYTES, &|_, _| 1 << 14)
+    });
+}
+
+/// The casters' front, everything resident.
+#[divan::bench]
+fn select_casters_of_a_front(bencher: Bencher<'_, '_>) {
+    let scene = &*SCENE;
+    let camera = &scene.cameras[0];
+    let view = View::new(camera, scene.world_from_model, SIZE.0, SIZE.1);
+    let front = select(&scene.skeleton, &view, SELECTION, &|_, _| true);
+    let placed = scene.world_from_model;
+    let box_of = |n: u32| {
+        let node = &scene.skeleton.nodes()[n as usize];
+        (node.depth, corners(node.min, node.max).map(|p| placed.transform_point3(p)))
+    };
+    let boxes: Vec<_> = front.draws.iter().map(|draw| box_of(draw.node)).collect();
+    bencher.bench_local(|| {
+        let view = CasterView::new(&CASTING, camera, SIZE, &boxes, placed);
+        select_casters(&scene.skeleton, &view, &|_, _| true)
+    });
+}
+
+/// An eye that moves by a statue's height a second.
+fn pace(scene: &Scene) -> Pace {
+    let root = &scene.skeleton.nodes()[0];
+    let height = (root.max - root.min).length();
+    Pace { velocity: DVec3::X * height, spread: height / 4.0, turn: 0.5 }
+}
+
+fn planned(scene: &Scene, camera: &Camera) -> Plan {
+    let view = View::new(camera, scene.world_from_model, SIZE.0, SIZE.1);
+    let need = Need::new(&view, SELECTION, pace(scene));
+    need.plan(&scene.skeleton, SLICE_ENDS[SLICE_ENDS.len() - 1], PLANNED_BYTES, &|_, _| 1 << 14)
 }

@@ -72,6 +72,10 @@ pub struct BenchReport {
     pub caster_primitives_mean: f64,
     /// Parts of what casts shadows for which lists had no room, of all frames.
     pub shadow_tiles_beyond: u32,
+    /// Parts that were to cast shadows and were not here, summed over frames.
+    pub missing_casters: u64,
+    /// Frames that lacked any.
+    pub frames_missing_casters: u32,
     /// Mean points ÷ pixels covered by points; 0 without points.
     pub points_per_covered_pixel: f64,
     /// Frames in which nothing could be drawn.
@@ -165,6 +169,8 @@ pub fn bench(
         shadow: shot_template.shadow.name(),
         caster_primitives_mean: 0.0,
         shadow_tiles_beyond: 0,
+        missing_casters: 0,
+        frames_missing_casters: 0,
         points_per_covered_pixel: 0.0,
         stalled_frames: 0,
         frames_over_tau: 0,
@@ -191,6 +197,8 @@ pub fn bench(
         report.primitives_mean +=
             (stats.triangles + stats.points) as f64 / f64::from(options.frames);
         report.caster_primitives_mean += stats.caster_triangles as f64 / f64::from(options.frames);
+        report.missing_casters += stats.missing_casters as u64;
+        report.frames_missing_casters += u32::from(stats.missing_casters > 0);
         report.tau_ratio_mean += stats.tau_ratio / f64::from(options.frames);
         report.frames_over_tau += u32::from(stats.tau_ratio_max > 1.0);
         let secs = f64::from(frame) / f64::from(options.frames) * path.duration_secs;

@@ -1,12 +1,12 @@
 //! One frame, as an outline: receive → select receivers → select casters → request → surface →
 //! shadow → shade.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use glam::DVec3;
 
 use crate::arena::{Arena, Slot};
-use crate::casters::{CasterView, select_casters};
+use crate::casters::{CasterView, Casting, select_casters};
 use crate::clip::check_clip;
 use crate::colour_map::bounds_shown;
 use crate::error::RenderError;
@@ -14,10 +14,10 @@ use crate::gpu::Gpu;
 use crate::lit::{Lit, LitPart};
 use crate::loader::{Part, PointPrefix};
 use crate::model::Model;
-use crate::need::{Need, PaceTracker};
 use crate::passes::{
     Drawn, DrawnPart, DrawnShadow, FaceUniforms, FrameUniform, PassSets, Range, Targets,
 };
+use crate::prefetch::Prefetch;
 use crate::scene::{Light, Representation, Shadow, Shot};
 use crate::seen::Seen;
 use crate::select::{Front, Selection, View, corners, select};
@@ -42,8 +42,10 @@ pub struct FrameStats {
     pub caster_triangles: u64,
     /// Nodes that do.
     pub caster_nodes: usize,
-    /// Nodes that were wanted and whose ancestors were drawn instead.
+    /// Nodes that were wanted and whose ancestors were drawn instead, or cast shadows instead.
     pub missing_parts: usize,
+    /// Of these, those that were to cast shadows.
+    pub missing_casters: usize,
     /// Mean of max(1, ρ/τ) over drawn nodes, weighted by their size on screen.
     pub tau_ratio: f64,
     /// Largest ρ/τ of a drawn node.
@@ -68,9 +70,7 @@ struct Fronts {
 /// Draws models.
 pub struct Renderer {
     passes: PassSets,
-    pace: PaceTracker,
-    begun: Instant,
-    planned: Option<Instant>,
+    prefetch: Prefetch,
     /// What rays are traced against, once any were, and what it was made of.
     tracer: Option<(Vec<std::path::PathBuf>, Tracer)>,
 }
@@ -78,13 +78,7 @@ pub struct Renderer {
 impl Renderer {
     /// Compiles the passes; `output` is the format of the pictures.
     pub fn new(gpu: &Gpu, output: wgpu::TextureFormat) -> Renderer {
-        Renderer {
-            passes: PassSets::new(gpu, output),
-            pace: PaceTracker::default(),
-            begun: Instant::now(),
-            planned: None,
-            tracer: None,
-        }
+        Renderer { passes: PassSets::new(gpu, output), prefetch: Prefetch::default(), tracer: None }
     }
 
     /// Draws one frame with what is resident and asks for what is missing. Never waits.
@@ -98,29 +92,11 @@ impl Renderer {
         shot: &Shot,
         targets: &Targets,
     ) -> Result<FrameStats, RenderError> {
-        self.plan(models, shot, targets);
+        self.prefetch.plan(models, shot, targets.window().picture());
         let fronts = update(gpu, models, shot, targets, None)?;
         self.draw(gpu, models, &fronts, shot, targets)?;
         let can_choose = self.passes.whole().can_choose_points(gpu, targets);
         Ok(stats(models, &fronts, shot, targets, can_choose))
-    }
-
-    /// Looks ahead, now and then: what will be wanted if the eye goes on as it did lately.
-    fn plan(&mut self, models: &mut [Model], shot: &Shot, targets: &Targets) {
-        const EVERY: Duration = Duration::from_millis(50);
-        let now = Instant::now();
-        let secs = now.duration_since(self.begun).as_secs_f64();
-        let height = models.iter().map(|m| m.bounds()).map(|(low, high)| (high - low).length());
-        let pace = self.pace.note(secs, &shot.camera, height.fold(0.0, f64::max));
-        if self.planned.is_some_and(|planned| now.duration_since(planned) < EVERY) {
-            return;
-        }
-        self.planned = Some(now);
-        for model in models {
-            let placed = model.world_from_model();
-            let view = View::of_shot(shot, placed, targets.window().picture());
-            model.plan(&Need::new(&view, selection(shot), pace));
-        }
     }
 
     /// Draws one frame after loading everything it wants.
@@ -472,9 +448,7 @@ pub(crate) fn caster_view(
     size: (u32, u32),
     boxes: &[(u8, [DVec3; 8])],
 ) -> CasterView {
-    let full = shot.representation == Representation::Full;
-    let threshold_px = if full { 0.0 } else { shot.caster_threshold_px };
-    CasterView::new(shot, size, boxes, threshold_px, model.world_from_model())
+    CasterView::new(&Casting::of_shot(shot), &shot.camera, size, boxes, model.world_from_model())
 }
 
 /// Depths of the nodes that are drawn and the corners of their boxes in world space.
@@ -548,6 +522,7 @@ fn stats(
     for (model, front) in models.iter().zip(&fronts.casters) {
         stats.caster_nodes += front.draws.len();
         stats.missing_parts += front.wanted.len();
+        stats.missing_casters += front.wanted.len();
         for draw in &front.draws {
             let slot = model.slot(draw.node, draw.representation);
             stats.caster_triangles +=

@@ -40,6 +40,7 @@ pub mod passes;
 pub mod path;
 pub mod pick;
 pub mod picture;
+mod prefetch;
 pub mod residency;
 pub mod scene;
 pub mod section;

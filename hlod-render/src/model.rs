@@ -12,10 +12,10 @@ use crate::arena::{Arena, ArenaSize, Slot};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::loader::{Completion, GpuMesh, Loaded, Loader, SourceLoader, decode, model_origin};
-use crate::need::{Need, Plan};
-use crate::residency::{DueTimes, HORIZON_SECS, due_times, requests, victim};
+use crate::need::Plan;
+use crate::residency::{DueTimes, Refused, due_times, requests, victim};
 use crate::select::{Front, Wanted, page_ticket, parse_ticket};
-use crate::skeleton::{ChildLink, Node, Skeleton};
+use crate::skeleton::{ChildLink, Skeleton};
 use crate::source::{Source, cache_folder};
 
 /// Limits under which a model is shown.
@@ -85,6 +85,8 @@ pub struct Model {
     problems: Vec<String>,
     /// Parts for which the GPU had no memory, until something makes room.
     unplaced: HashSet<u64>,
+    /// What was read ahead in vain.
+    refused: Refused,
     /// Why nothing comes at present.
     link_problem: Option<String>,
     bytes_read: u64,
@@ -143,6 +145,7 @@ impl Model {
             drawn_bytes: 0,
             damaged: HashSet::new(),
             unplaced: HashSet::new(),
+            refused: Refused::default(),
             problems: Vec::new(),
             link_problem: None,
             bytes_read: 0,
@@ -332,18 +335,19 @@ impl Model {
         Ok(())
     }
 
-    /// Finds what will be wanted soon, to be asked for and kept.
-    pub fn plan(&mut self, need: &Need<'_>) {
-        if !self.limits.prefetch {
-            return;
-        }
-        // Some room is lost between pages.
-        let bytes = self.limits.gpu_bytes / 10 * 9;
-        let gpu_bytes = |node: &Node, r: usize| {
-            let r = &node.representations[r];
-            ArenaSize::bytes_of(r.vertices.into(), r.triangles.into(), r.points.into())
-        };
-        self.plan = need.plan(&self.skeleton, HORIZON_SECS, bytes, &gpu_bytes);
+    /// Whether anything is to be loaded before it is wanted.
+    pub(crate) fn reads_ahead(&self) -> bool {
+        self.limits.prefetch
+    }
+
+    /// Bytes that may be planned for: some room is lost between pages.
+    pub(crate) fn room_bytes(&self) -> u64 {
+        self.limits.gpu_bytes / 10 * 9
+    }
+
+    /// What will be wanted soon: it is asked for and kept from now on.
+    pub(crate) fn expect(&mut self, plan: Plan) {
+        self.plan = plan;
     }
 
     /// Asks for what fronts lack, and notes what they use.
@@ -381,7 +385,8 @@ impl Model {
             let is_hopeless = self.damaged.contains(&ticket) || self.unplaced.contains(&ticket);
             resident || waiting.contains(&ticket) || is_hopeless
         };
-        self.loader.submit(requests(&mut wanted, &self.plan, &self.skeleton, &has));
+        let allows = |page| self.refused.allows(page, self.frame);
+        self.loader.submit(requests(&mut wanted, &self.plan, &self.skeleton, &has, &allows));
     }
 
     /// Finds room for a mesh: in an arena, in a new one within the budget, or where something is that
@@ -393,6 +398,7 @@ impl Model {
                 if let Some(slot) = arena.insert(gpu, mesh, i) {
                     let resident = Resident { slot, last_used: self.frame, was_drawn: false };
                     self.slots.insert(key, resident);
+                    self.refused.forget(key);
                     return Ok(());
                 }
             }
@@ -403,6 +409,7 @@ impl Model {
                     continue;
                 }
                 if for_secs >= 0.0 {
+                    self.refused.note(key, self.frame);
                     return Ok(());
                 }
             }

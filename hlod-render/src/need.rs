@@ -12,13 +12,14 @@
 //! within its pace: nothing is wanted earlier.
 
 use std::cmp::Ordering;
-use std::collections::BinaryHeap;
+use std::collections::{BinaryHeap, HashSet};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use glam::{DVec3, DVec4};
-use hlod_compress::BlockRef;
+use hlod_compress::{BlockRef, RepresentationKind};
 
 use crate::camera::Camera;
+use crate::scene::Light;
 use crate::select::{Selection, View, corners};
 use crate::skeleton::{ChildLink, Node, Skeleton};
 
@@ -34,6 +35,16 @@ pub struct Pace {
     pub spread: f64,
     /// Radians a second at most.
     pub turn: f64,
+}
+
+impl Pace {
+    /// Where the eye can have got to within some time.
+    pub(crate) fn reach(&self, secs: f64) -> Reach {
+        let turn = (self.turn * secs).min(PI);
+        let (sin, cos) = turn.sin_cos();
+        let spread = self.spread * secs;
+        Reach { turn, sin, cos, secs, spread, moved: self.velocity.length() * secs + spread }
+    }
 }
 
 /// A view and how fast it may change.
@@ -95,12 +106,7 @@ impl<'a> Need<'a> {
     /// Earliest time at which something may be the case that stays so once it is; infinite where that
     /// is farther off than anyone plans.
     fn earliest(&self, may_be: impl Fn(Reach) -> bool) -> f64 {
-        let at = |secs: f64| {
-            let (sin, cos) = (self.pace.turn * secs).min(PI).sin_cos();
-            let (velocity, spread) = (self.pace.velocity, self.pace.spread * secs);
-            let turn = (self.pace.turn * secs).min(PI);
-            may_be(Reach { turn, sin, cos, secs, spread, moved: velocity.length() * secs + spread })
-        };
+        let at = |secs: f64| may_be(self.pace.reach(secs));
         if at(0.0) {
             return 0.0;
         }
@@ -201,54 +207,133 @@ impl<'a> Need<'a> {
         skeleton: &Skeleton,
         horizon_secs: f64,
         bytes: u64,
-        bytes_of: &dyn Fn(&Node, usize) -> u64,
+        bytes_of: BytesOf<'_>,
     ) -> Plan {
-        let mut plan = Plan::default();
-        let mut left = bytes;
-        let mut soonest = BinaryHeap::from([Soon(Due { secs: 0.0, what: Step::Visit(0) })]);
-        while let Some(Soon(due)) = soonest.pop() {
-            if due.secs > horizon_secs {
-                break;
+        plan_by(self, skeleton, horizon_secs, Budget { bytes, bytes_of })
+    }
+}
+
+/// What a representation of a node takes, in bytes.
+pub type BytesOf<'a> = &'a dyn Fn(&Node, usize) -> u64;
+
+/// How much may be planned for.
+#[derive(Clone, Copy)]
+pub(crate) struct Budget<'a> {
+    pub(crate) bytes: u64,
+    pub(crate) bytes_of: BytesOf<'a>,
+}
+
+/// When nodes of a front may be wanted.
+pub(crate) trait Timing {
+    /// Which hierarchy.
+    fn kind(&self) -> RepresentationKind;
+    /// Lower bounds for a node, no parent of which may be refined before `from_secs`.
+    fn times(&self, node: &Node, error: f64, from_secs: f64) -> Times;
+}
+
+impl Timing for Need<'_> {
+    fn kind(&self) -> RepresentationKind {
+        self.selection.kind
+    }
+
+    fn times(&self, node: &Node, error: f64, _: f64) -> Times {
+        Need::times(self, node, error)
+    }
+}
+
+/// Follows the octree downwards, the soonest first.
+pub(crate) fn plan_by(
+    timing: &dyn Timing,
+    skeleton: &Skeleton,
+    horizon_secs: f64,
+    budget: Budget<'_>,
+) -> Plan {
+    let mut plan = Plan::default();
+    let mut left = budget.bytes;
+    let mut soonest = BinaryHeap::from([Soon(Due { secs: 0.0, what: Step::Visit(0) })]);
+    while let Some(Soon(due)) = soonest.pop() {
+        if due.secs > horizon_secs {
+            break;
+        }
+        match due.what {
+            Step::Page(node, representation) => {
+                let size = (budget.bytes_of)(&skeleton.nodes()[node as usize], representation);
+                let Some(rest) = left.checked_sub(size) else { break };
+                left = rest;
+                plan.pages.push(Due { secs: due.secs, what: (node, representation) });
             }
-            match due.what {
-                Step::Page(node, representation) => {
-                    let size = bytes_of(&skeleton.nodes()[node as usize], representation);
-                    let Some(rest) = left.checked_sub(size) else { break };
-                    left = rest;
-                    plan.pages.push(Due { secs: due.secs, what: (node, representation) });
-                }
-                Step::Block(node, block) => {
-                    plan.blocks.push(Due { secs: due.secs, what: (node, block) });
-                }
-                Step::Visit(index) => {
-                    let node = &skeleton.nodes()[index as usize];
-                    let Some(r) = node.representation(self.selection.kind) else { continue };
-                    let times = self.times(node, node.representations[r].error);
-                    let seen = due.secs.max(times.seen);
-                    let is_leaf = node.children == ChildLink::None;
-                    let fine = if is_leaf { 0.0 } else { times.fine };
-                    let page = Step::Page(index, r);
-                    soonest.push(Soon(Due { secs: seen.max(fine), what: page }));
-                    let refined = seen.max(times.coarse);
-                    match node.children {
-                        ChildLink::None => {}
-                        ChildLink::Nodes { first, count } => soonest.extend(
-                            (first..first + count)
-                                .map(|c| Soon(Due { secs: refined, what: Step::Visit(c) })),
-                        ),
-                        ChildLink::Unloaded(block) => soonest
-                            .push(Soon(Due { secs: refined, what: Step::Block(index, block) })),
+            Step::Block(node, block) => {
+                plan.blocks.push(Due { secs: due.secs, what: (node, block) });
+            }
+            Step::Visit(index) => {
+                let node = &skeleton.nodes()[index as usize];
+                let Some(r) = node.representation(timing.kind()) else { continue };
+                let times = timing.times(node, node.representations[r].error, due.secs);
+                let seen = due.secs.max(times.seen);
+                let is_leaf = node.children == ChildLink::None;
+                let fine = if is_leaf { 0.0 } else { times.fine };
+                let page = Step::Page(index, r);
+                soonest.push(Soon(Due { secs: seen.max(fine), what: page }));
+                let refined = seen.max(times.coarse);
+                match node.children {
+                    ChildLink::None => {}
+                    ChildLink::Nodes { first, count } => soonest.extend(
+                        (first..first + count)
+                            .map(|c| Soon(Due { secs: refined, what: Step::Visit(c) })),
+                    ),
+                    ChildLink::Unloaded(block) => {
+                        soonest.push(Soon(Due { secs: refined, what: Step::Block(index, block) }))
                     }
                 }
             }
         }
-        plan
+    }
+    plan
+}
+
+impl Plan {
+    /// The same, but for no later than `secs`.
+    pub fn until(mut self, secs: f64) -> Plan {
+        self.pages.retain(|due| due.secs <= secs);
+        self.blocks.retain(|due| due.secs <= secs);
+        self
+    }
+
+    /// The same, but all of it so much later.
+    pub(crate) fn later_by(mut self, secs: f64) -> Plan {
+        self.pages.iter_mut().for_each(|due| due.secs += secs);
+        self.blocks.iter_mut().for_each(|due| due.secs += secs);
+        self
+    }
+
+    /// Both, the soonest first and each page once, as long as the pages fit.
+    pub(crate) fn merged(self, other: Plan, skeleton: &Skeleton, budget: Budget<'_>) -> Plan {
+        let mut pages = self.pages;
+        pages.extend(other.pages);
+        // Stable: of what is due at once the first plan's comes first.
+        pages.sort_by(|a, b| a.secs.total_cmp(&b.secs));
+        let (mut kept, mut left) = (HashSet::new(), budget.bytes);
+        let fits = |due: &Due<(u32, usize)>| {
+            let (node, r) = due.what;
+            let size = (budget.bytes_of)(&skeleton.nodes()[node as usize], r);
+            left = left.checked_sub(if kept.insert(due.what) { size } else { 0 })?;
+            Some(*due)
+        };
+        let mut pages: Vec<_> = pages.iter().map_while(fits).collect();
+        let mut seen = HashSet::new();
+        pages.retain(|due| seen.insert(due.what));
+        let mut blocks = self.blocks;
+        blocks.extend(other.blocks);
+        blocks.sort_by(|a, b| a.secs.total_cmp(&b.secs));
+        let mut seen = HashSet::new();
+        blocks.retain(|due| seen.insert(due.what.0));
+        Plan { pages, blocks }
     }
 }
 
 /// A corner's distance along a direction and across it.
 #[derive(Debug, Clone, Copy)]
-struct Parts {
+pub(crate) struct Parts {
     along: f64,
     across: f64,
     length: f64,
@@ -257,7 +342,8 @@ struct Parts {
 }
 
 impl Parts {
-    fn of(corner: DVec3, direction: DVec3) -> Parts {
+    /// `direction` is of length 1.
+    pub(crate) fn of(corner: DVec3, direction: DVec3) -> Parts {
         let (along, length) = (corner.dot(direction), corner.length());
         let across = (length * length - along * along).max(0.0).sqrt();
         Parts { along, across, length, angle: across.atan2(along) }
@@ -265,47 +351,59 @@ impl Parts {
 }
 
 /// Where the eye can have got to.
-#[derive(Debug, Clone, Copy)]
-struct Reach {
-    secs: f64,
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Reach {
+    pub(crate) secs: f64,
     turn: f64,
     sin: f64,
     cos: f64,
     /// How far from where its velocity brings it.
-    spread: f64,
+    pub(crate) spread: f64,
     /// How far from where it is.
     moved: f64,
 }
 
 impl Reach {
+    /// Where it is.
+    pub(crate) const HERE: Reach =
+        Reach { secs: 0.0, turn: 0.0, sin: 0.0, cos: 1.0, spread: 0.0, moved: 0.0 };
+
+    pub(crate) fn is_here(&self) -> bool {
+        *self == Reach::HERE
+    }
+
     /// Most that something can be along the turned direction.
-    fn most(&self, p: &Parts) -> f64 {
+    pub(crate) fn most(&self, p: &Parts) -> f64 {
         let turned = p.along * self.cos + p.across * self.sin;
         if self.turn >= p.angle { p.length } else { turned }
     }
 
     /// Least that it can be.
-    fn least(&self, p: &Parts) -> f64 {
+    pub(crate) fn least(&self, p: &Parts) -> f64 {
         let turned = p.along * self.cos - p.across * self.sin;
         if self.turn >= PI - p.angle { -p.length } else { turned }
     }
 
     /// Most that moving adds to it, now or at any time before: who goes on passes what he came to, but
     /// what may have been the case stays so.
-    fn most_moved(&self, drift: &Parts) -> f64 {
+    pub(crate) fn most_moved(&self, drift: &Parts) -> f64 {
         self.most(drift).max(0.0) * self.secs + self.spread
     }
 
     /// Least that it adds, now or at any time before.
-    fn least_moved(&self, drift: &Parts) -> f64 {
+    pub(crate) fn least_moved(&self, drift: &Parts) -> f64 {
         self.least(drift).min(0.0) * self.secs - self.spread
     }
 }
 
-struct Times {
-    seen: f64,
-    coarse: f64,
-    fine: f64,
+/// Lower bounds, in seconds from now.
+pub(crate) struct Times {
+    /// Until anything of a node matters.
+    pub(crate) seen: f64,
+    /// Until it is too coarse.
+    pub(crate) coarse: f64,
+    /// Until it is fine enough.
+    pub(crate) fine: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -383,6 +481,38 @@ impl PaceTracker {
         let [right, up, back] = camera.axes();
         let velocity = DVec3::new(velocity.dot(right), velocity.dot(up), velocity.dot(back));
         Pace { velocity, spread, turn }
+    }
+}
+
+/// Finds how fast a light may move from where it was.
+#[derive(Debug, Clone, Default)]
+pub struct LightTracker {
+    seen: Vec<(f64, Light)>,
+}
+
+impl LightTracker {
+    /// A light at a time in seconds; `height` is that of the statue, in world units. Gives how fast it may
+    /// go on, any way: half again as fast as within the last second, or as a hand begins that turns it round the
+    /// statue. World units a second; of parallel light, radians a second.
+    pub fn note(&mut self, secs: f64, light: &Light, height: f64) -> f64 {
+        let is_parallel = matches!(light, Light::Directional(_));
+        self.seen.retain(|(t, before)| {
+            let same = matches!(before, Light::Directional(_)) == is_parallel;
+            same && *t < secs && secs - t <= REMEMBERED_SECS
+        });
+        self.seen.push((secs, *light));
+        let moved = |a: &Light, b: &Light| match (a, b) {
+            (Light::Directional(a), Light::Directional(b)) => a.angle_between(*b),
+            (Light::Point(a), Light::Point(b)) => a.distance(*b),
+            _ => 0.0,
+        };
+        let mut speed = if is_parallel { TURN_LEAST } else { TURN_LEAST * height };
+        for (i, (t, later)) in self.seen.iter().enumerate() {
+            let earlier = self.seen[..i].iter().rev().find(|(s, _)| t - s >= STEP_SECS);
+            let Some((s, earlier)) = earlier else { continue };
+            speed = speed.max(MARGIN * moved(later, earlier) / (t - s));
+        }
+        speed
     }
 }
 

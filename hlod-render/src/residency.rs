@@ -3,10 +3,11 @@
 
 use std::collections::{HashMap, HashSet};
 
+use crate::arena::ArenaSize;
 use crate::loader::{Part, Ticket};
 use crate::need::Plan;
 use crate::select::{Wanted, block_ticket, page_ticket};
-use crate::skeleton::Skeleton;
+use crate::skeleton::{Node, Skeleton};
 
 /// A node and one of its representations.
 pub type Page = (u32, usize);
@@ -16,6 +17,12 @@ pub type Page = (u32, usize);
 /// more only reads more that is never drawn (`hlod-render simulate`).
 pub const HORIZON_SECS: f64 = 0.1;
 
+/// Casters are asked for as if they were due so much later than they are, and make room sooner: shadows that are
+/// too coarse show less than surfaces that are. Where a link has to choose between the two, asking for both
+/// alike leaves surfaces coarse, and does not even help shadows, which fall on these
+/// (`bench-paths/NOTES.md`, "Streaming").
+pub const CASTERS_LATER_SECS: f64 = 0.05;
+
 /// When pages will be wanted; what is not there is not expected.
 pub type DueTimes = HashMap<Page, f64>;
 
@@ -24,16 +31,55 @@ pub fn due_times(plan: &Plan) -> DueTimes {
     plan.pages.iter().map(|due| (due.what, due.secs)).collect()
 }
 
+/// Bytes on the GPU that a page takes, about.
+pub(crate) fn page_bytes(node: &Node, representation: usize) -> u64 {
+    let r = &node.representations[representation];
+    ArenaSize::bytes_of(r.vertices.into(), r.triangles.into(), r.points.into())
+}
+
+/// Pages that were read ahead and found no room. At the edge of a budget they would be read again at once, and
+/// dropped again: they are not read ahead for a while, each time for twice as long. What frames want is
+/// asked for all the same.
+#[derive(Debug, Default)]
+pub(crate) struct Refused {
+    /// How often, and until which frame it is not asked for.
+    pages: HashMap<Page, (u32, u64)>,
+}
+
+/// About a second.
+const REFUSED_FRAMES: u64 = 32;
+
+impl Refused {
+    /// A page found no room in a frame.
+    pub(crate) fn note(&mut self, page: Page, frame: u64) {
+        let (times, until) = self.pages.entry(page).or_insert((0, 0));
+        *until = frame + (REFUSED_FRAMES << (*times).min(5));
+        *times += 1;
+    }
+
+    /// It found room.
+    pub(crate) fn forget(&mut self, page: Page) {
+        self.pages.remove(&page);
+    }
+
+    /// Whether it may be read ahead.
+    pub(crate) fn allows(&self, page: Page, frame: u64) -> bool {
+        self.pages.get(&page).is_none_or(|(_, until)| frame >= *until)
+    }
+}
+
 /// Everything to ask for, the most urgent first: what frames lack, in their order, then what will be
-/// wanted, the earliest first. `has` says what is here already or must not be asked for again.
+/// wanted, the earliest first. `has` says what is here already or must not be asked for again, `allows` what
+/// may be read ahead.
 pub fn requests(
     wanted: &mut [&Wanted],
     plan: &Plan,
     skeleton: &Skeleton,
     has: &dyn Fn(Ticket) -> bool,
+    allows: &dyn Fn(Page) -> bool,
 ) -> Vec<(Ticket, Part)> {
     wanted.sort_by(|a, b| b.urgency.total_cmp(&a.urgency).then(a.ticket.cmp(&b.ticket)));
-    let pages = plan.pages.iter().map(|due| {
+    let pages = plan.pages.iter().filter(|due| allows(due.what)).map(|due| {
         let (node, representation) = due.what;
         let of = &skeleton.nodes()[node as usize];
         let r = of.representations[representation];
@@ -75,6 +121,27 @@ pub fn victim(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_found_no_room_is_not_read_ahead_for_longer_and_longer() {
+        let mut refused = Refused::default();
+        assert!(refused.allows((1, 0), 0));
+        let mut frame = 100;
+        let mut waits = Vec::new();
+        for _ in 0..8 {
+            refused.note((1, 0), frame);
+            let begin = frame;
+            while !refused.allows((1, 0), frame) {
+                frame += 1;
+            }
+            waits.push(frame - begin);
+        }
+        assert_eq!(waits, [32, 64, 128, 256, 512, 1024, 1024, 1024]);
+        assert!(refused.allows((2, 0), 101), "others are");
+        refused.note((1, 0), frame);
+        refused.forget((1, 0));
+        assert!(refused.allows((1, 0), frame));
+    }
 
     #[test]
     fn what_is_wanted_last_makes_room() {

@@ -438,10 +438,9 @@ impl Shot {
     /// Radius of the light as shadows have it: of parallel light the tangent of its angle; 0 where
     /// shadows are hard.
     pub fn light_radius(&self) -> f64 {
-        match (self.shadow, self.light) {
-            (Shadow::None | Shadow::Hard | Shadow::Mapped(_), _) => 0.0,
-            (_, Light::Point(_)) => self.light_size / 2.0,
-            (_, Light::Directional(_)) => (self.light_size.min(170.0) / 2.0).to_radians().tan(),
+        match self.shadow {
+            Shadow::None | Shadow::Hard | Shadow::Mapped(_) => 0.0,
+            Shadow::Soft | Shadow::Traced => light_radius(self.light, self.light_size),
         }
     }
 
@@ -475,6 +474,15 @@ impl Shot {
             enhance: Enhance { radius_px: self.enhance.radius_px * n as f32, ..self.enhance },
             ..*self
         }
+    }
+}
+
+/// Radius of a light of some size, which is a diameter in world units or an angle in degrees: of parallel
+/// light the tangent of half that angle.
+pub fn light_radius(light: Light, size: f64) -> f64 {
+    match light {
+        Light::Point(_) => size / 2.0,
+        Light::Directional(_) => (size.min(170.0) / 2.0).to_radians().tan(),
     }
 }
 

@@ -160,7 +160,8 @@ impl View {
     }
 }
 
-pub(crate) fn corners(min: DVec3, max: DVec3) -> [DVec3; 8] {
+/// Corners of a box.
+pub fn corners(min: DVec3, max: DVec3) -> [DVec3; 8] {
     std::array::from_fn(|i| {
         let pick = |axis: usize| if i >> axis & 1 == 1 { max[axis] } else { min[axis] };
         DVec3::new(pick(0), pick(1), pick(2))

@@ -3,25 +3,29 @@
 //!
 //! The front ([`crate::select`]), what will be wanted ([`crate::need`]) and what is asked for and makes
 //! room ([`crate::residency`]) are those that draw pictures. Time passes in frames, decoding and
-//! copying take none.
+//! copying take none. With shadows what casts them is loaded as well, in light that turns round the statue
+//! or stays.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-use glam::DMat4;
+use glam::{DMat4, DQuat, DVec3};
 use hlod_compress::{FormatError, HlodFile};
 use serde::Serialize;
 
-use crate::arena::ArenaSize;
 use crate::camera::Camera;
+use crate::casters::ahead::Outlook;
+use crate::casters::{CasterView, Casting, select_casters};
 use crate::error::RenderError;
 use crate::framing::Framing;
 use crate::loader::{Part, Ticket, model_origin};
-use crate::need::{Need, PaceTracker, Plan};
+use crate::need::{Budget, LightTracker, Need, Pace, PaceTracker, Plan};
 use crate::path::CameraPath;
-use crate::residency::{DueTimes, HORIZON_SECS, Page, due_times, requests, victim};
-use crate::select::{Front, Selection, View, Wanted, parse_ticket, select};
-use crate::skeleton::{ChildLink, Node, Skeleton};
+use crate::prefetch::{Shown, plans};
+use crate::residency::{DueTimes, Page, Refused, due_times, page_bytes, requests, victim};
+use crate::scene::Light;
+use crate::select::{Draw, Front, Selection, View, Wanted, corners, parse_ticket, select};
+use crate::skeleton::{ChildLink, Skeleton};
 use crate::source::open_local;
 
 /// What is asked for before it is wanted, and what makes room.
@@ -36,12 +40,22 @@ pub enum Policy {
     Extrapolate,
     /// What motion within the pace can make wanted; what is wanted last makes room.
     Due,
+    /// The same, but nothing ahead of what casts shadows. Only with shadows.
+    DueReceivers,
 }
 
 impl Policy {
-    /// All of them.
-    pub const ALL: [Policy; 4] =
-        [Policy::KeepNothing, Policy::Lru, Policy::Extrapolate, Policy::Due];
+    /// All of them that differ without shadows, and one more that does with them.
+    pub fn all(with_shadows: bool) -> &'static [Policy] {
+        const ALL: [Policy; 5] = [
+            Policy::KeepNothing,
+            Policy::Lru,
+            Policy::Extrapolate,
+            Policy::Due,
+            Policy::DueReceivers,
+        ];
+        if with_shadows { &ALL } else { &ALL[..4] }
+    }
 
     /// For tables.
     pub fn name(self) -> &'static str {
@@ -50,6 +64,7 @@ impl Policy {
             Policy::Lru => "least recently used",
             Policy::Extrapolate => "extrapolated view",
             Policy::Due => "earliest due (as drawn)",
+            Policy::DueReceivers => "earliest due, no casters",
         }
     }
 }
@@ -69,6 +84,30 @@ pub struct SimulationOptions {
     pub size: (u32, u32),
     /// What is asked of the front.
     pub selection: Selection,
+    /// Whether anything casts shadows.
+    pub shadows: Option<SimulatedShadows>,
+}
+
+/// A light that turns round the statue's upright axis, or stays.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SimulatedShadows {
+    /// The light as the path begins.
+    pub casting: Casting,
+    /// How fast it turns, to the right as seen from above.
+    pub turn_deg_per_sec: f64,
+}
+
+impl SimulatedShadows {
+    /// The light at a moment.
+    fn at(&self, secs: f64, framing: &Framing) -> Casting {
+        let angle = (self.turn_deg_per_sec * secs).to_radians();
+        let turn = DQuat::from_axis_angle(framing.axes[1], angle);
+        let light = match self.casting.light {
+            Light::Directional(towards) => Light::Directional(turn * towards),
+            Light::Point(place) => Light::Point(framing.centre + turn * (place - framing.centre)),
+        };
+        Casting { light, ..self.casting }
+    }
 }
 
 /// What one policy showed.
@@ -88,8 +127,22 @@ pub struct PolicyReport {
     pub frames_after_start: u32,
     /// Read over the link, skeleton included.
     pub bytes_read: u64,
-    /// Of pages that were drawn after they were read.
+    /// Of pages that were drawn, or cast shadows, after they were read.
     pub bytes_drawn: u64,
+    /// What cast shadows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub casters: Option<CasterReport>,
+}
+
+/// What one policy showed of shadows.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct CasterReport {
+    /// Parts that were to cast shadows and were not here, summed over frames.
+    pub missing_casters: u64,
+    /// Frames after the first two seconds that lacked any.
+    pub frames_missing_casters: u32,
+    /// Frames after the first two seconds in which anything cast shadows that was coarser than 2τ_c.
+    pub frames_over_2tau: u32,
 }
 
 /// A simulation's result.
@@ -109,6 +162,12 @@ pub struct SimulationReport {
     pub cache_bytes: u64,
     /// Time is divided so.
     pub frames_per_sec: f64,
+    /// τ_c in pixels, where anything casts shadows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub caster_tau_px: Option<f64>,
+    /// How fast the light turns, where anything casts shadows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub light_turn_deg_per_sec: Option<f64>,
     /// One row each.
     pub policies: Vec<PolicyReport>,
 }
@@ -128,13 +187,17 @@ pub fn simulate(
     let framing = Framing::of_header(opened.header());
     let placed = path.place(framing, file)?;
     let frames = (path.duration_secs * options.frames_per_sec).ceil().max(1.0) as u32 + 1;
-    let cameras: Vec<Camera> = (0..frames)
-        .map(|i| placed.camera_at((f64::from(i) / options.frames_per_sec).min(path.duration_secs)))
+    let moments: Vec<Moment> = (0..frames)
+        .map(|i| {
+            let secs = (f64::from(i) / options.frames_per_sec).min(path.duration_secs);
+            let casting = options.shadows.map(|shadows| shadows.at(secs, &framing));
+            Moment { camera: placed.camera_at(secs), casting }
+        })
         .collect();
     let height = (framing.bounds.1 - framing.bounds.0).length();
     let mut policies = Vec::new();
-    for policy in Policy::ALL {
-        let run = Run::new(&opened, options, policy, height).and_then(|run| run.follow(&cameras));
+    for &policy in Policy::all(options.shadows.is_some()) {
+        let run = Run::new(&opened, options, policy, height).and_then(|run| run.follow(&moments));
         policies.push(run.map_err(&format)?);
         advance();
     }
@@ -146,6 +209,8 @@ pub fn simulate(
         latency_secs: options.latency_secs,
         cache_bytes: options.cache_bytes,
         frames_per_sec: options.frames_per_sec,
+        caster_tau_px: options.shadows.map(|shadows| shadows.casting.threshold_px),
+        light_turn_deg_per_sec: options.shadows.map(|shadows| shadows.turn_deg_per_sec),
         policies,
     })
 }
@@ -171,6 +236,7 @@ struct Run<'a> {
     coming: Vec<(f64, Ticket, Part)>,
     link_free_at: f64,
     due: DueTimes,
+    refused: Refused,
     frame: u64,
     bytes_read: u64,
     bytes_drawn: u64,
@@ -203,6 +269,7 @@ impl<'a> Run<'a> {
             coming: Vec::new(),
             link_free_at: 0.0,
             due: DueTimes::new(),
+            refused: Refused::default(),
             frame: 0,
             bytes_read: header.front_bytes,
             bytes_drawn: 0,
@@ -214,56 +281,66 @@ impl<'a> Run<'a> {
         Ok(run)
     }
 
-    fn follow(mut self, cameras: &[Camera]) -> Result<PolicyReport, FormatError> {
+    fn follow(mut self, moments: &[Moment]) -> Result<PolicyReport, FormatError> {
         const START_SECS: f64 = 2.0;
-        let mut tracker = PaceTracker::default();
+        let (mut eye, mut lamp) = (PaceTracker::default(), LightTracker::default());
         let mut report = PolicyReport {
             policy: self.policy,
-            frames: cameras.len() as u32,
+            frames: moments.len() as u32,
             stalled_frames: 0,
             tau_ratio_mean: 0.0,
             frames_over_2tau: 0,
             frames_after_start: 0,
             bytes_read: 0,
             bytes_drawn: 0,
+            casters: self.options.shadows.map(|_| CasterReport::default()),
         };
-        for (i, camera) in cameras.iter().enumerate() {
+        for (i, moment) in moments.iter().enumerate() {
             let now = i as f64 / self.options.frames_per_sec;
             self.frame += 1;
             self.receive(now)?;
-            let view = self.view(camera);
-            let front = self.front(&view);
+            let fronts = self.fronts(moment, false);
             let plan = match self.policy {
-                Policy::Due => {
-                    let pace = tracker.note(now, camera, self.statue_height);
-                    let need = Need::new(&view, self.options.selection, pace);
-                    let bytes = self.options.cache_bytes / 10 * 9;
-                    need.plan(&self.skeleton, HORIZON_SECS, bytes, &page_bytes)
+                Policy::Due | Policy::DueReceivers => {
+                    let pace = eye.note(now, &moment.camera, self.statue_height);
+                    let light = moment.casting.map(|casting| casting.light);
+                    let height = self.statue_height;
+                    let speed = light.map_or(0.0, |light| lamp.note(now, &light, height));
+                    self.plan(moment, pace, speed)
                 }
                 _ => Plan::default(),
             };
             let later = match self.policy {
-                Policy::Extrapolate => Some(self.front(&self.view(&extrapolated(
-                    cameras,
-                    i,
-                    self.options.frames_per_sec,
-                )))),
+                Policy::Extrapolate => {
+                    let later = extrapolated(moments, i, self.options.frames_per_sec);
+                    Some(self.fronts(&later, false))
+                }
                 _ => None,
             };
-            self.note_drawn(&front);
+            self.note_drawn(&fronts);
             if self.policy == Policy::KeepNothing {
-                self.drop_all_but(&front, &view);
+                self.drop_all_but(&fronts, moment);
             }
-            self.ask(now, &front, later.as_ref(), &plan);
+            self.ask(now, &fronts, later.as_ref(), &plan);
 
-            let (ratio, worst) = coarseness(&front, self.options.selection.error_threshold_px);
-            report.tau_ratio_mean += ratio / cameras.len() as f64;
-            if front.draws.is_empty() && !front.wanted.is_empty() {
+            let tau = self.options.selection.error_threshold_px;
+            let (ratio, worst) = coarseness(&fronts.receivers, tau);
+            report.tau_ratio_mean += ratio / moments.len() as f64;
+            if fronts.receivers.draws.is_empty() && !fronts.receivers.wanted.is_empty() {
                 report.stalled_frames += 1;
             }
-            if now > START_SECS {
+            let started = now > START_SECS;
+            if started {
                 report.frames_after_start += 1;
                 report.frames_over_2tau += u32::from(worst > 2.0);
+            }
+            if let (Some(of), Some(casting), Some(front)) =
+                (&mut report.casters, moment.casting, &fronts.casters)
+            {
+                let (_, worst) = coarseness(front, casting.threshold_px);
+                of.missing_casters += front.wanted.len() as u64;
+                of.frames_missing_casters += u32::from(started && !front.wanted.is_empty());
+                of.frames_over_2tau += u32::from(started && worst > 2.0);
             }
         }
         report.bytes_read = self.bytes_read;
@@ -276,13 +353,43 @@ impl<'a> Run<'a> {
         View::new(camera, self.world_from_model, width, height)
     }
 
-    fn front(&self, view: &View) -> Front {
-        let is_resident = |node, r| self.kept.contains_key(&(node, r));
-        select(&self.skeleton, view, self.options.selection, &is_resident)
+    /// What is drawn and what casts shadows on it; or what would, if everything were here.
+    fn fronts(&self, moment: &Moment, complete: bool) -> Fronts {
+        let is_resident = |node, r| complete || self.kept.contains_key(&(node, r));
+        let view = self.view(&moment.camera);
+        let receivers = select(&self.skeleton, &view, self.options.selection, &is_resident);
+        let casters = moment.casting.map(|casting| {
+            let box_of = |draw: &Draw| {
+                let node = &self.skeleton.nodes()[draw.node as usize];
+                let place = |p| self.world_from_model.transform_point3(p);
+                (node.depth, corners(node.min, node.max).map(place))
+            };
+            let boxes: Vec<_> = receivers.draws.iter().map(box_of).collect();
+            let (camera, size) = (&moment.camera, self.options.size);
+            let view = CasterView::new(&casting, camera, size, &boxes, self.world_from_model);
+            select_casters(&self.skeleton, &view, &is_resident)
+        });
+        Fronts { receivers, casters }
     }
 
-    fn note_drawn(&mut self, front: &Front) {
-        for draw in &front.draws {
+    /// What will be wanted soon, as the renderer finds it.
+    fn plan(&self, moment: &Moment, pace: Pace, light_speed: f64) -> Plan {
+        let view = self.view(&moment.camera);
+        let shown = Shown {
+            skeleton: &self.skeleton,
+            world_from_model: self.world_from_model,
+            need: Need::new(&view, self.options.selection, pace),
+            budget: Budget { bytes: self.options.cache_bytes / 10 * 9, bytes_of: &page_bytes },
+        };
+        let (camera, size) = (&moment.camera, self.options.size);
+        let outlook = |casting| Outlook { casting, camera, size, pace, light_speed };
+        let ahead = self.policy == Policy::Due;
+        let outlook = moment.casting.filter(|_| ahead).map(outlook);
+        plans(&[shown], outlook.as_ref()).pop().unwrap_or_default()
+    }
+
+    fn note_drawn(&mut self, fronts: &Fronts) {
+        for draw in fronts.draws() {
             let page = (draw.node, draw.representation);
             let Some(kept) = self.kept.get_mut(&page) else { continue };
             kept.last_used = self.frame;
@@ -295,18 +402,18 @@ impl<'a> Run<'a> {
     }
 
     /// Keeps what is drawn, and what will be drawn from here when all of it has arrived.
-    fn drop_all_but(&mut self, front: &Front, view: &View) {
-        let complete = select(&self.skeleton, view, self.options.selection, &|_, _| true);
-        let draws = front.draws.iter().chain(&complete.draws);
+    fn drop_all_but(&mut self, fronts: &Fronts, moment: &Moment) {
+        let complete = self.fronts(moment, true);
+        let draws = fronts.draws().chain(complete.draws());
         let needed: HashSet<Page> = draws.map(|draw| (draw.node, draw.representation)).collect();
         self.kept.retain(|page, _| page.0 == 0 || needed.contains(page));
         self.kept_bytes = self.kept.values().map(|kept| kept.bytes).sum();
     }
 
     /// Gives the link what is most urgent.
-    fn ask(&mut self, now: f64, front: &Front, later: Option<&Front>, plan: &Plan) {
+    fn ask(&mut self, now: f64, fronts: &Fronts, later: Option<&Fronts>, plan: &Plan) {
         self.due = due_times(plan);
-        let mut wanted: Vec<&Wanted> = front.wanted.iter().collect();
+        let mut wanted: Vec<&Wanted> = fronts.wanted().collect();
         for wanted in &wanted {
             if let (node, Some(r)) = parse_ticket(wanted.ticket) {
                 self.due.insert((node, r), -1.0);
@@ -323,10 +430,11 @@ impl<'a> Run<'a> {
             };
             here || on_its_way.contains(&ticket)
         };
-        let mut list = requests(&mut wanted, plan, &self.skeleton, &has);
+        let allows = |page| self.refused.allows(page, self.frame);
+        let mut list = requests(&mut wanted, plan, &self.skeleton, &has, &allows);
         if let Some(later) = later {
-            let mut wanted: Vec<&Wanted> = later.wanted.iter().collect();
-            list.extend(requests(&mut wanted, &Plan::default(), &self.skeleton, &has));
+            let mut wanted: Vec<&Wanted> = later.wanted().collect();
+            list.extend(requests(&mut wanted, &Plan::default(), &self.skeleton, &has, &allows));
         }
         for (ticket, part) in list {
             if self.coming.len() >= IN_FLIGHT_MAX || self.link_free_at > now + AHEAD_SECS {
@@ -372,32 +480,68 @@ impl<'a> Run<'a> {
                     let kept = self.kept.remove(&victim);
                     self.kept_bytes -= kept.map_or(0, |kept| kept.bytes);
                 }
-                None if for_secs >= 0.0 => return,
+                None if for_secs >= 0.0 => return self.refused.note(page, self.frame),
                 // What is drawn has to be there.
                 None => break,
             }
         }
         self.kept_bytes += bytes;
         let kept = Kept { bytes, last_used: self.frame, was_drawn: false };
+        self.refused.forget(page);
         if let Some(before) = self.kept.insert(page, kept) {
             self.kept_bytes -= before.bytes;
         }
     }
 }
 
-fn page_bytes(node: &Node, representation: usize) -> u64 {
-    let r = &node.representations[representation];
-    ArenaSize::bytes_of(r.vertices.into(), r.triangles.into(), r.points.into())
+/// What a frame is of.
+#[derive(Debug, Clone, Copy)]
+struct Moment {
+    camera: Camera,
+    casting: Option<Casting>,
 }
 
-/// The camera half a second later, if eye and target go on as in the last tenth of a second.
-fn extrapolated(cameras: &[Camera], frame: usize, frames_per_sec: f64) -> Camera {
+/// What a frame draws.
+struct Fronts {
+    receivers: Front,
+    casters: Option<Front>,
+}
+
+impl Fronts {
+    fn draws(&self) -> impl Iterator<Item = &Draw> {
+        let casters = self.casters.iter().flat_map(|front| &front.draws);
+        self.receivers.draws.iter().chain(casters)
+    }
+
+    fn wanted(&self) -> impl Iterator<Item = &Wanted> {
+        let casters = self.casters.iter().flat_map(|front| &front.wanted);
+        self.receivers.wanted.iter().chain(casters)
+    }
+}
+
+/// Camera and light half a second later, if they go on as in the last tenth of a second.
+fn extrapolated(moments: &[Moment], frame: usize, frames_per_sec: f64) -> Moment {
     let back = frame.min((0.1 * frames_per_sec).round().max(1.0) as usize);
-    let (now, before) = (&cameras[frame], &cameras[frame - back]);
+    let (now, before) = (&moments[frame], &moments[frame - back]);
     let share = if back > 0 { 0.5 * frames_per_sec / back as f64 } else { 0.0 };
-    let target = now.target + (now.target - before.target) * share;
-    let eye = now.eye + (now.eye - before.eye) * share;
-    if eye.distance(target) > 0.0 { Camera { eye, target, ..*now } } else { *now }
+    let on = |now: DVec3, before: DVec3| now + (now - before) * share;
+    let target = on(now.camera.target, before.camera.target);
+    let eye = on(now.camera.eye, before.camera.eye);
+    let camera = match eye.distance(target) > 0.0 {
+        true => Camera { eye, target, ..now.camera },
+        false => now.camera,
+    };
+    let casting = now.casting.zip(before.casting).map(|(now, before)| {
+        let light = match (now.light, before.light) {
+            (Light::Directional(now), Light::Directional(before)) => {
+                Light::Directional(on(now, before))
+            }
+            (Light::Point(now), Light::Point(before)) => Light::Point(on(now, before)),
+            (light, _) => light,
+        };
+        Casting { light, ..now }
+    });
+    Moment { camera, casting }
 }
 
 /// Mean of max(1, ρ/τ) by size on screen, and the largest.

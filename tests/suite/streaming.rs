@@ -2,13 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
 use hlod_compress::RepresentationKind;
+use hlod_render::casters::Casting;
 use hlod_render::framing::Framing;
-use hlod_render::path::CameraPath;
+use hlod_render::path::{CameraPath, Key};
 use hlod_render::picture::take;
-use hlod_render::scene::Representation;
+use hlod_render::scene::{INTENSITY_STEP, Light, Representation};
 use hlod_render::select::Selection;
-use hlod_render::simulate::{Policy, SimulationOptions, SimulationReport, simulate};
+use hlod_render::simulate::{
+    Policy, PolicyReport, SimulatedShadows, SimulationOptions, SimulationReport, simulate,
+};
 use hlod_render::{Model, ModelLimits};
 use hlod_tests::{built, bumpy_ball, gpu};
 
@@ -24,18 +28,29 @@ fn ball(folder: &Path) -> PathBuf {
     hlod
 }
 
-fn simulated(hlod: &Path, path: &str, cache_bytes: u64) -> SimulationReport {
+fn recorded(path: &str) -> CameraPath {
     let paths = Path::new(env!("CARGO_MANIFEST_DIR")).join("../bench-paths");
-    let path = CameraPath::load(&paths.join(path)).unwrap();
-    let options = SimulationOptions {
+    CameraPath::load(&paths.join(path)).unwrap()
+}
+
+fn slow_link(cache_bytes: u64) -> SimulationOptions {
+    SimulationOptions {
         bytes_per_sec: 3e5,
         latency_secs: 0.02,
         cache_bytes,
         frames_per_sec: 20.0,
         size: (640, 480),
         selection: Selection { kind: RepresentationKind::Appearance, error_threshold_px: 1.0 },
-    };
-    simulate(hlod, &path, &options, &mut || {}).unwrap()
+        shadows: None,
+    }
+}
+
+fn simulated(hlod: &Path, path: &str, cache_bytes: u64) -> SimulationReport {
+    simulate(hlod, &recorded(path), &slow_link(cache_bytes), &mut || {}).unwrap()
+}
+
+fn report_of(report: &SimulationReport, policy: Policy) -> &PolicyReport {
+    report.policies.iter().find(|p| p.policy == policy).unwrap()
 }
 
 /// Reading ahead helps where views change, costs no more than it may, and nothing depends on chance.
@@ -54,7 +69,7 @@ fn reading_ahead_helps() {
         let again = simulated(&hlod, path, 3_000_000);
         assert_eq!(report.policies, again.policies, "{path}");
     }
-    let of = |policy| coarse[Policy::ALL.iter().position(|&p| p == policy).unwrap()];
+    let of = |policy| coarse[Policy::all(false).iter().position(|&p| p == policy).unwrap()];
     println!("frames over 2τ: {coarse:?}");
     assert!(of(Policy::Due) < of(Policy::Lru) && of(Policy::Lru) < of(Policy::KeepNothing));
 }
@@ -64,21 +79,99 @@ fn reading_ahead_helps() {
 fn a_fast_link_shows_everything() {
     let folder = tempfile::tempdir().unwrap();
     let hlod = ball(folder.path());
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../bench-paths/orbit.json");
-    let path = CameraPath::load(&path).unwrap();
-    let options = SimulationOptions {
-        bytes_per_sec: 1e9,
-        latency_secs: 0.0,
-        cache_bytes: 1 << 30,
-        frames_per_sec: 20.0,
-        size: (640, 480),
-        selection: Selection { kind: RepresentationKind::Appearance, error_threshold_px: 1.0 },
-    };
-    let report = simulate(&hlod, &path, &options, &mut || {}).unwrap();
-    let of = |policy| report.policies.iter().find(|p| p.policy == policy).unwrap();
+    let path = recorded("orbit.json");
+    let fast = SimulationOptions { bytes_per_sec: 1e9, latency_secs: 0.0, ..slow_link(1 << 30) };
+    let report = simulate(&hlod, &path, &fast, &mut || {}).unwrap();
     // What is asked for when it is wanted comes a frame late even so.
-    assert!(of(Policy::Lru).frames_over_2tau > 10, "{report:?}");
-    assert_eq!(of(Policy::Due).frames_over_2tau, 0, "{report:?}");
+    assert!(report_of(&report, Policy::Lru).frames_over_2tau > 10, "{report:?}");
+    assert_eq!(report_of(&report, Policy::Due).frames_over_2tau, 0, "{report:?}");
+    assert!(report.policies.iter().all(|p| p.casters.is_none()));
+
+    let shadows = turning(Light::Directional(DVec3::new(-1.0, 0.7, 0.7)), 40.0);
+    let options = SimulationOptions { shadows: Some(shadows), ..fast };
+    let report = simulate(&hlod, &path, &options, &mut || {}).unwrap();
+    let casters = |policy| report_of(&report, policy).casters.unwrap();
+    assert!(casters(Policy::KeepNothing).frames_missing_casters > 0, "{report:?}");
+    assert_eq!(casters(Policy::Due).frames_missing_casters, 0, "{report:?}");
+    assert_eq!(casters(Policy::Due).frames_over_2tau, 0, "{report:?}");
+}
+
+fn turning(light: Light, turn_deg_per_sec: f64) -> SimulatedShadows {
+    let casting =
+        Casting { light, light_radius: 0.0, threshold_px: 0.5, intensity_step: INTENSITY_STEP };
+    SimulatedShadows { casting, turn_deg_per_sec }
+}
+
+/// In light that turns, over a slow link: fewer shadows are coarse where what casts them is read ahead.
+#[test]
+fn reading_casters_ahead_helps() {
+    let folder = tempfile::tempdir().unwrap();
+    let hlod = ball(folder.path());
+    // Enough for all of it: this is of the link, not of what makes room.
+    let cache_bytes = 100_000_000;
+    let lights = [
+        Light::Directional(DVec3::new(-0.68, 0.26, 0.68)),
+        Light::Point(DVec3::new(-1.53, 0.51, 1.53)),
+    ];
+    for light in lights {
+        let (mut ahead, mut when_lacking) = ((0, 0), (0, 0));
+        for path in ["approach.json", "sweep.json"] {
+            let options =
+                SimulationOptions { shadows: Some(turning(light, 30.0)), ..slow_link(cache_bytes) };
+            let report = simulate(&hlod, &recorded(path), &options, &mut || {}).unwrap();
+            let sum = |of: &mut (u32, u32), policy| {
+                let report = report_of(&report, policy);
+                of.0 += report.casters.unwrap().frames_over_2tau;
+                of.1 += report.casters.unwrap().frames_missing_casters;
+            };
+            sum(&mut ahead, Policy::Due);
+            sum(&mut when_lacking, Policy::DueReceivers);
+            let again = simulate(&hlod, &recorded(path), &options, &mut || {}).unwrap();
+            assert_eq!(report.policies, again.policies, "{path}");
+        }
+        println!(
+            "{light:?}: frames over 2τ_c, and that lacked casters: {ahead:?}, {when_lacking:?}"
+        );
+        assert!(ahead.0 < when_lacking.0 && ahead.1 < when_lacking.1, "{ahead:?} {when_lacking:?}");
+    }
+}
+
+/// A budget with no room for all that may soon be wanted: who stands still does not read it over and over.
+#[test]
+fn at_the_edge_of_the_budget_nothing_is_read_over_and_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let hlod = ball(folder.path());
+    let still = |duration_secs: f64| {
+        let key = |at_secs| Key {
+            at_secs,
+            eye: [0.1, 0.2, 0.9],
+            target: [0.0; 3],
+            eye_anchored: 0.0,
+            target_anchored: 0.0,
+        };
+        CameraPath {
+            version: 1,
+            name: "still".into(),
+            purpose: "to stand still".into(),
+            duration_secs,
+            peak_speed_heights_per_sec: 0.0,
+            fov_y_deg: 35.0,
+            anchor: None,
+            keys: vec![key(0.0), key(duration_secs)],
+        }
+    };
+    let shadows = Some(turning(Light::Directional(DVec3::new(-1.0, 0.4, 0.4)), 0.0));
+    for cache_bytes in [400_000, 800_000, 1_600_000, 3_000_000] {
+        let options = SimulationOptions { shadows, ..slow_link(cache_bytes) };
+        let read = |secs: f64| {
+            let report = simulate(&hlod, &still(secs), &options, &mut || {}).unwrap();
+            report_of(&report, Policy::Due).bytes_read
+        };
+        let (first, later) = (read(10.0), read(40.0));
+        println!("{cache_bytes} bytes kept: {first} read in 10 s, {later} in 40 s");
+        // As much again would be read every few seconds.
+        assert!(later - first < first, "{cache_bytes}: {first}, {later}");
+    }
 }
 
 /// A file that is cut while it is shown: what is there stays, the reason is told.

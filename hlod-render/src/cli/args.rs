@@ -6,6 +6,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::DVec3;
 
 use super::section::SectionArgs;
+use super::simulate::SimulateArgs;
 use super::work::{MeasureArgs, NotesArgs, SessionArgs};
 use hlod_render::camera::Camera;
 use hlod_render::framing::{FOV_Y_DEG, Framing, NAMED_VIEWS};
@@ -403,35 +404,6 @@ pub struct BenchArgs {
 }
 
 #[derive(Args)]
-pub struct SimulateArgs {
-    /// The .hlod file.
-    pub file: PathBuf,
-    /// A camera path: one of bench-paths/*.json, or one recorded in the window (R).
-    #[arg(long)]
-    pub path: PathBuf,
-    /// Picture size in pixels.
-    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = size)]
-    pub size: (u32, u32),
-    /// Largest error on the screen in pixels (τ).
-    #[arg(long, value_name = "PX", default_value_t = 0.5, value_parser = positive)]
-    pub tau: f64,
-    /// What the link brings in a second.
-    #[arg(long, value_name = "BYTES/s", default_value = "50MB/s", value_parser = bytes)]
-    pub bandwidth: u64,
-    /// Milliseconds from asking to the first byte.
-    #[arg(long, value_name = "MS", default_value_t = 1.0, value_parser = not_negative)]
-    pub latency: f64,
-    /// At most so much geometry is kept.
-    #[arg(long, value_name = "BYTES", default_value = "128MB", value_parser = bytes)]
-    pub cache: u64,
-    /// Frames a second.
-    #[arg(long, value_name = "FPS", default_value_t = 30.0, value_parser = positive)]
-    pub frame_rate: f64,
-    #[command(flatten)]
-    pub json: JsonArgs,
-}
-
-#[derive(Args)]
 pub struct AuditArgs {
     /// The .hlod file.
     pub file: PathBuf,
@@ -479,7 +451,7 @@ pub fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-fn not_negative(text: &str) -> Result<f64, String> {
+pub fn not_negative(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value >= 0.0 && value.is_finite() => Ok(value),
         _ => Err("expected a number that is not negative".into()),
@@ -487,18 +459,15 @@ fn not_negative(text: &str) -> Result<f64, String> {
 }
 
 /// The light's size as a [`hlod_render::scene::Shot`] has it.
-pub fn light_size(draw: &DrawArgs, light: Light, framing: &Framing) -> f64 {
-    let is_soft = matches!(draw.shadow, ShadowArg::Soft);
+pub fn light_size(is_soft: bool, given: Option<f64>, light: Light, framing: &Framing) -> f64 {
     match light {
-        Light::Point(_) => {
-            draw.light_size.unwrap_or(if is_soft { 0.05 } else { 0.0 }) * framing.height
-        }
-        Light::Directional(_) => draw.light_size.unwrap_or(if is_soft { 3.0 } else { 0.0 }),
+        Light::Point(_) => given.unwrap_or(if is_soft { 0.05 } else { 0.0 }) * framing.height,
+        Light::Directional(_) => given.unwrap_or(if is_soft { 3.0 } else { 0.0 }),
     }
 }
 
 /// A number of bytes with an optional unit and an optional `/s`.
-fn bytes(text: &str) -> Result<u64, String> {
+pub fn bytes(text: &str) -> Result<u64, String> {
     let text = text.strip_suffix("/s").unwrap_or(text);
     let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let factor = match &text[digits.len()..] {

@@ -5,6 +5,7 @@ mod figure;
 mod figure_args;
 mod outcome;
 pub mod section;
+pub mod simulate;
 mod tables;
 mod work;
 
@@ -14,7 +15,6 @@ use std::path::Path;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 
-use hlod_compress::RepresentationKind;
 use hlod_render::audit::seams::{SeamOptions, audit_seams};
 use hlod_render::audit::{AuditOptions, audit};
 use hlod_render::bench::{BenchOptions, bench};
@@ -22,11 +22,9 @@ use hlod_render::camera::Camera;
 use hlod_render::framing::{FOV_Y_DEG, Framing};
 use hlod_render::path::CameraPath;
 use hlod_render::scene::{BACKGROUND, EXACT_THRESHOLDS_PX, Material, Paint, Shot};
-use hlod_render::select::Selection;
-use hlod_render::simulate::{Policy, SimulationOptions, simulate};
 use hlod_render::{Gpu, Model, ModelLimits};
 
-use args::{AuditArgs, BenchArgs, Cli, Command, DrawArgs, JsonArgs, SimulateArgs};
+use args::{AuditArgs, BenchArgs, Cli, Command, DrawArgs, JsonArgs};
 pub use outcome::Failure;
 use outcome::Outcome;
 
@@ -41,7 +39,7 @@ pub fn run(cli: &Cli) -> Outcome {
         Command::Bench(args) => run_bench(cli, args),
         Command::Measure(args) => work::run_measure(args),
         Command::Notes(args) => work::run_notes(args),
-        Command::Simulate(args) => run_simulate(cli, args),
+        Command::Simulate(args) => simulate::run(cli, args),
         Command::Audit(args) => run_audit(cli, args),
         Command::Section(args) => section::run(cli, args),
     }
@@ -89,26 +87,6 @@ fn run_bench(cli: &Cli, args: &BenchArgs) -> Outcome {
         report.plot(plot)?;
     }
     print(&args.json, &report, || tables::bench(&report))
-}
-
-fn run_simulate(cli: &Cli, args: &SimulateArgs) -> Outcome {
-    let path = CameraPath::load(&args.path)?;
-    let frames = path.duration_secs * args.frame_rate;
-    if frames > 1e6 {
-        return Err(Failure::Usage(format!("simulate: {frames:.0} frames are too many")));
-    }
-    let options = SimulationOptions {
-        bytes_per_sec: args.bandwidth as f64,
-        latency_secs: args.latency / 1e3,
-        cache_bytes: args.cache,
-        frames_per_sec: args.frame_rate,
-        size: args.size,
-        selection: Selection { kind: RepresentationKind::Appearance, error_threshold_px: args.tau },
-    };
-    let bar = progress_bar(cli.quiet, Policy::ALL.len() as u64, "policies");
-    let report = simulate(&args.file, &path, &options, &mut || bar.inc(1))?;
-    bar.finish_and_clear();
-    print(&args.json, &report, || tables::simulation(&report))
 }
 
 fn run_audit(cli: &Cli, args: &AuditArgs) -> Outcome {
@@ -174,7 +152,12 @@ fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Fail
         paint: Paint::Shaded,
         error_threshold_px: tau,
         shadow: draw.shadow(),
-        light_size: args::light_size(draw, light, framing),
+        light_size: args::light_size(
+            matches!(draw.shadow, args::ShadowArg::Soft),
+            draw.light_size,
+            light,
+            framing,
+        ),
         caster_threshold_px: caster_tau,
         intensity_step: draw.shadow_step,
         sample_offset_px: glam::DVec2::ZERO,

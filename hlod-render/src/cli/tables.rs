@@ -78,6 +78,7 @@ pub fn bench(r: &BenchReport) -> String {
         ("primitives a frame", format!("{:.0}", r.primitives_mean)),
         ("… that cast shadows", format!("{:.0}", r.caster_primitives_mean)),
         ("… parts without room", r.shadow_tiles_beyond.to_string()),
+        ("frames that lacked some of these", r.frames_missing_casters.to_string()),
         ("points a pixel they cover", format!("{:.2}", r.points_per_covered_pixel)),
         ("stalled frames", r.stalled_frames.to_string()),
         ("frames coarser than τ", r.frames_over_tau.to_string()),
@@ -105,28 +106,41 @@ pub fn bench(r: &BenchReport) -> String {
 pub fn simulation(r: &SimulationReport) -> String {
     let mut table = Table::new();
     table.load_style(presets::NOTHING);
-    table.set_header(["policy", "stalled", "τ drawn ÷ τ", "over 2τ", "read", "of it drawn"]);
+    let mut header = vec!["policy", "stalled", "τ drawn ÷ τ", "over 2τ", "read", "of it drawn"];
+    if r.caster_tau_px.is_some() {
+        header.extend(["casters over 2τ_c", "casters missing"]);
+    }
+    let columns = header.len();
+    table.set_header(header);
     for p in &r.policies {
-        table.add_row([
+        let share = |frames: u32| {
+            format!("{:.1} %", 100.0 * f64::from(frames) / f64::from(p.frames_after_start.max(1)))
+        };
+        let mut row = vec![
             p.policy.name().to_string(),
             p.stalled_frames.to_string(),
             format!("{:.3}", p.tau_ratio_mean),
-            format!(
-                "{:.1} %",
-                100.0 * f64::from(p.frames_over_2tau) / f64::from(p.frames_after_start.max(1))
-            ),
+            share(p.frames_over_2tau),
             format!("{:.1} MB", p.bytes_read as f64 / 1e6),
             format!("{:.0} %", 100.0 * p.bytes_drawn as f64 / p.bytes_read.max(1) as f64),
-        ]);
+        ];
+        if let Some(casters) = p.casters {
+            row.extend([share(casters.frames_over_2tau), share(casters.frames_missing_casters)]);
+        }
+        table.add_row(row);
     }
-    for column in 1..6 {
+    for column in 1..columns {
         if let Some(values) = table.column_mut(column) {
             values.set_cell_alignment(CellAlignment::Right);
         }
     }
+    let shadows = match (r.caster_tau_px, r.light_turn_deg_per_sec) {
+        (Some(tau), Some(turn)) => format!(" · τ_c = {tau} px, light turns {turn}° a second"),
+        _ => String::new(),
+    };
     format!(
-        "{} · {} · τ = {} px · {:.1} MB/s, {:.0} ms, {:.0} MB kept, {} frames a second\n{}\n\
-         over 2τ: frames after the first two seconds in which anything was coarser than that",
+        "{} · {} · τ = {} px{shadows} · {:.1} MB/s, {:.0} ms, {:.0} MB kept, {} frames a second\n{}\n\
+         over 2τ, over 2τ_c, missing: frames after the first two seconds in which anything was that",
         r.file.display(),
         r.path,
         r.tau_px,

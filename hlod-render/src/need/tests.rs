@@ -200,3 +200,28 @@ fn paces_follow_the_eye() {
     }
     assert_eq!(pace, still);
 }
+
+#[test]
+fn paces_follow_the_light() {
+    let mut tracker = LightTracker::default();
+    let turned = |angle: f64| Light::Directional(DQuat::from_rotation_y(angle) * DVec3::X);
+    let mut speed = 0.0;
+    for i in 0..30 {
+        let secs = f64::from(i) / 20.0;
+        speed = tracker.note(secs, &turned(2.0 * secs), 4.0);
+    }
+    assert!((speed - 3.0).abs() < 1e-6, "{speed}");
+    // Within a second it may go on as it did; later only as hands begin.
+    for i in 30..70 {
+        speed = tracker.note(f64::from(i) / 20.0, &turned(2.9), 4.0);
+        assert!(i > 40 || speed > 2.0, "{i}: {speed}");
+    }
+    assert_eq!(speed, TURN_LEAST);
+    // A lamp's speed is a length a second, and has nothing to do with how parallel light turned.
+    for i in 70..90 {
+        let secs = f64::from(i) / 20.0;
+        speed = tracker.note(secs, &Light::Point(DVec3::Z * (9.0 + 8.0 * (secs - 3.5))), 4.0);
+        assert!(i > 71 || speed == TURN_LEAST * 4.0, "{i}: {speed}");
+    }
+    assert!((speed - 12.0).abs() < 1e-6, "{speed}");
+}
