@@ -364,6 +364,11 @@ impl Model {
                 }
             }
         }
+        for key in fronts.iter().flat_map(|front| &front.held) {
+            if let Some(resident) = self.slots.get_mut(key) {
+                resident.last_used = self.frame;
+            }
+        }
         let waiting: HashSet<u64> =
             self.waiting.iter().map(|((node, r), _)| page_ticket(*node, *r)).collect();
         let mut wanted: Vec<&Wanted> = fronts.iter().flat_map(|front| &front.wanted).collect();

@@ -199,6 +199,9 @@ pub struct Front {
     pub draws: Vec<Draw>,
     /// Parts to load.
     pub wanted: Vec<Wanted>,
+    /// Nodes that are resident and wanted, and will be drawn once others that are beside them are here. What made room of
+    /// them would be asked for again at once.
+    pub held: Vec<(u32, usize)>,
     /// Nodes that would be drawn if everything were resident.
     pub ideal_nodes: usize,
     /// How many pixels the borders of drawn nodes are from their place: see [`crate::skirts`].
@@ -363,7 +366,8 @@ impl Search<'_> {
         if complete {
             return true;
         }
-        self.front.draws.truncate(before);
+        let waiting = self.front.draws.drain(before..);
+        self.front.held.extend(waiting.map(|draw| (draw.node, draw.representation)));
         if resident {
             self.front.draws.push(draw);
         } else {

@@ -399,6 +399,11 @@ impl<'a> Run<'a> {
                 self.bytes_drawn += u64::from(bytes);
             }
         }
+        for page in fronts.held() {
+            if let Some(kept) = self.kept.get_mut(page) {
+                kept.last_used = self.frame;
+            }
+        }
     }
 
     /// Keeps what is drawn, and what will be drawn from here when all of it has arrived.
@@ -511,6 +516,11 @@ impl Fronts {
     fn draws(&self) -> impl Iterator<Item = &Draw> {
         let casters = self.casters.iter().flat_map(|front| &front.draws);
         self.receivers.draws.iter().chain(casters)
+    }
+
+    fn held(&self) -> impl Iterator<Item = &Page> {
+        let casters = self.casters.iter().flat_map(|front| &front.held);
+        self.receivers.held.iter().chain(casters)
     }
 
     fn wanted(&self) -> impl Iterator<Item = &Wanted> {

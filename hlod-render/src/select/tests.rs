@@ -90,7 +90,7 @@ fn covered(skeleton: &Skeleton, front: &Front, p: DVec3) -> usize {
 fn every_visible_point_is_covered_once_whatever_is_resident() {
     let skeleton = tree(3, NormalCone::ALL);
     let view = view(DVec3::new(0.3, 0.2, 3.0));
-    let mut seed = 7u64;
+    let (mut seed, mut held) = (7u64, 0);
     for round in 0..40 {
         // The root is always there; of the rest a random part.
         let resident: BTreeSet<u32> = (0..skeleton.nodes().len() as u32)
@@ -112,9 +112,15 @@ fn every_visible_point_is_covered_once_whatever_is_resident() {
         for draw in &front.draws {
             assert!(resident.contains(&draw.node));
         }
+        // What is here and waits for others is neither drawn nor forgotten.
+        let drawn: BTreeSet<u32> = front.draws.iter().map(|draw| draw.node).collect();
+        held += front.held.len();
+        assert!(front.held.iter().all(|(n, _)| resident.contains(n) && !drawn.contains(n)));
+        assert!(front.held.is_empty() || !front.wanted.is_empty());
         let complete = front.draws.len() == front.ideal_nodes;
         assert_eq!(complete, front.wanted.is_empty(), "what is missing is asked for");
     }
+    assert!(held > 100, "{held} nodes wait for others");
 }
 
 #[test]
