@@ -500,6 +500,40 @@ fn audits_find_edges_of_shadows_where_rays_do() {
     }
 }
 
+/// In two views with a parallel light and a lamp; hard shadows in place of soft ones are the wrong picture that is told
+/// from the right one.
+#[test]
+fn audits_measure_penumbrae_by_rays_to_all_of_the_light() {
+    let folder = tempfile::tempdir().unwrap();
+    let [input, file] = ["ball.ply", "scene.hlod"].map(|name| folder.path().join(name));
+    let mesh = ball();
+    std::fs::write(&input, ply(&mesh.0, &mesh.1)).unwrap();
+    built(&input, &file, |o| o.leaf_triangles = 4000);
+    let options = AuditOptions {
+        size: (160, 120),
+        views: 2,
+        path: None,
+        light: (0.0, 0.0),
+        varied_lights: Some(0.2),
+        pictures: None,
+    };
+    let (error_threshold_px, caster_threshold_px) = EXACT_THRESHOLDS_PX;
+    let shot = Shot {
+        shadow: Shadow::Soft,
+        error_threshold_px,
+        caster_threshold_px,
+        ..shot(EYE, Light::Directional(DVec3::Y))
+    };
+    let report = audit(&gpu(), &file, &[input], &shot, &options, &mut |_| {}).unwrap();
+    let penumbra = report.penumbra.expect("soft shadows were asked for");
+    println!("{penumbra:?}");
+    assert!(penumbra.pixels > 200 && penumbra.pixels_elsewhere > 2000, "{penumbra:?}");
+    assert!(penumbra.rmse <= 0.12 && penumbra.rmse <= 0.6 * penumbra.hard_rmse, "{penumbra:?}");
+    assert!(penumbra.rmse_everywhere <= 0.6 * penumbra.hard_rmse_everywhere, "{penumbra:?}");
+    assert_eq!((report.penumbra_rmse, penumbra.tiles_beyond), (Some(penumbra.rmse), 0));
+    assert!(report.shadow_edge_px.is_none(), "soft shadows have no edges");
+}
+
 #[test]
 fn scans_cast_soft_shadows_as_their_every_triangle_does() {
     for name in ["bunny/bun_zipper.ply", "happy_buddha/happy_buddha.ply"] {

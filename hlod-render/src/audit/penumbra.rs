@@ -1,11 +1,14 @@
 //! How much of a light is hidden, compared with rays from the scan to all of it.
 //!
 //! First a few rays from every pixel tell where penumbrae are; then 1,024 are traced from 4,096 pixels by chance there and
-//! as many elsewhere. Both are weighted by how many pixels they stand for.
+//! as many elsewhere. Both are weighted by how many pixels they stand for. As with the edges of hard shadows, pixels on
+//! which light falls in at up to 60° count: where it grazes, how much of it is below a facet's own plane is decided by how
+//! coordinates are rounded, and next to nothing of it is seen.
 
 use serde::Serialize;
 
 use super::reference::Rays;
+use super::shadows::cosines;
 use super::{Source, draw};
 use crate::error::RenderError;
 use crate::frame::Renderer;
@@ -18,13 +21,15 @@ use crate::traced::HIDDEN;
 const PROBE_RAYS: u32 = 16;
 /// Rays from each pixel that is compared.
 const RAYS: u32 = 1024;
+/// Angle of incidence up to which pixels count.
+const ANGLE_MAX_DEG: f64 = 60.0;
 /// Pixels of either kind.
 const PIXELS: usize = 4096;
 
 /// Roots of the mean squares by which visible shares of the light are wrong, 0 to 1.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Penumbra {
-    /// Where the truth is a penumbra.
+    /// Where the truth is a penumbra, of pixels up to 60° of incidence, as all of these.
     pub rmse: f64,
     /// Wherever the surface is seen.
     pub rmse_everywhere: f64,
@@ -115,6 +120,7 @@ pub(super) fn compare_penumbrae(
     seed: u64,
 ) -> Result<PenumbraScores, RenderError> {
     let canvas = Canvas::new(gpu, size.0, size.1)?;
+    let cosines = cosines(gpu, renderer, truth, shot, &canvas)?;
     let mut hidden = |source: &mut Source<'_>, shot: &Shot| {
         draw(gpu, renderer, source, shot, &canvas)?;
         let share = |h: u32| f64::from(h) / f64::from(HIDDEN);
@@ -130,7 +136,9 @@ pub(super) fn compare_penumbrae(
         truth.set_rays(Rays { rays, chosen });
         hidden(truth, &traced)
     };
-    let usable: Vec<bool> = is_smooth.iter().zip(&seen).map(|(s, id)| *s && *id != 0).collect();
+    let least = ANGLE_MAX_DEG.to_radians().cos() as f32;
+    let is_usable = |p: usize| is_smooth[p] && seen[p] != 0 && cosines[p] >= least;
+    let usable: Vec<bool> = (0..seen.len()).map(is_usable).collect();
     let (probe, _) = rays_of(PROBE_RAYS, usable.clone())?;
     let kinds = [true, false].map(|in_penumbra| {
         let is_kind = |p: &usize| usable[*p] && (probe[*p] > 0.0 && probe[*p] < 1.0) == in_penumbra;

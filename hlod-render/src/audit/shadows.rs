@@ -159,7 +159,7 @@ fn hidden(
 }
 
 /// Cosine of the angle of incidence in each pixel.
-fn cosines(
+pub(super) fn cosines(
     gpu: &Gpu,
     renderer: &mut Renderer,
     truth: &mut Source<'_>,
