@@ -9,7 +9,7 @@ use crate::gpu::Gpu;
 /// Bytes of a tile in `soften.wgsl`, and how many there is room for; what is beyond is done where it
 /// is found.
 const TILE_BYTES: u64 = 80;
-const TILES: u64 = 1 << 17;
+const TILES: u64 = 1 << 19;
 /// Workgroups that share the tiles.
 const TILE_GROUPS: u32 = 1024;
 /// Two sums and two words of bits a pixel.
