@@ -356,7 +356,8 @@ pub enum Mixing {
         /// Which ones.
         seed: u64,
     },
-    /// Half of what would be drawn counts as not loaded, so that ancestors stand for it, as in a cache that fills.
+    /// One node in eight counts as not loaded, so that ancestors stand for it and for what is beside it, as in a cache that
+    /// fills.
     HalfLoaded {
         /// Which ones.
         seed: u64,

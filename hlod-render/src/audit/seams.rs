@@ -2,7 +2,7 @@
 //! all kinds.
 //!
 //! For each view the scan is drawn once, and compared with what the file gives at several τ, each time as the view asks
-//! for it, with artificially mixed depths, and with a cache that is half full ([`Mixing`]). What closes seams is also told
+//! for it, with artificially mixed depths, and with a cache that lacks one node in eight ([`Mixing`]). What closes seams is also told
 //! from what coarse levels do to outlines: the same front is drawn without skirts, and pixels that only skirts cover, more
 //! than one from what is covered without them, are counted.
 
@@ -23,7 +23,7 @@ use crate::path::CameraPath;
 use crate::picture::PICTURE_FORMAT;
 use crate::scene::{Mixing, Shadow, Shot, light_from_angles};
 
-/// Outlines that are off by more than this are not looked at.
+/// However coarse a front is, its outlines may be off by no more than a pixel and this.
 const MARGIN_MAX_PX: f64 = 12.0;
 
 /// What is compared.

@@ -416,8 +416,8 @@ pub struct AuditArgs {
     /// How many views.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub views: u32,
-    /// Look at seams alone, at each of these τ (0.5,1,4 unless given): as asked for, with mixed depths, and with half of
-    /// the nodes not loaded.
+    /// Look at seams alone, at each of these τ (0.5,1,4 unless given): as asked for, with mixed depths, and with one
+    /// node in eight not loaded, for which ancestors stand.
     #[arg(long, value_name = "PX,…", num_args = 0..=1, value_delimiter = ',', default_missing_value = "0.5,1,4",
         value_parser = positive, conflicts_with = "tau")]
     pub seams: Vec<f64>,
