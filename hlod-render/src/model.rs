@@ -266,6 +266,19 @@ impl Model {
         all
     }
 
+    /// Identities of the primitives that are resident, in order, and the node that they are of, where this is the first
+    /// model.
+    pub(crate) fn node_identities(&self) -> Vec<(std::ops::Range<u32>, u32)> {
+        let of = |(&(node, _), resident): (&(u32, usize), &Resident)| {
+            let first = resident.slot.arena as u32 * self.arena_size.triangles + 1;
+            let primitives = &resident.slot.primitives;
+            (first + primitives.start..first + primitives.end, node)
+        };
+        let mut all: Vec<_> = self.slots.iter().map(of).collect();
+        all.sort_unstable_by_key(|(range, _)| range.start);
+        all
+    }
+
     /// Takes what was loaded since the last frame: blocks at once, geometry as far as this
     /// frame's share allows.
     ///

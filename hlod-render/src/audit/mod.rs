@@ -186,7 +186,7 @@ pub fn audit(
         };
         let mut source = Source::Models(&mut models);
         let drawn = draw_layer(&mut source, &with_backs, 1)?;
-        let culled = draw_layer(&mut source, &Shot { draw_backs: false, ..shot }, 1)?.0;
+        let culled = draw_layer(&mut source, &Shot { draw_backs: false, ..shot }, 1)?.layer;
         let mut source = Source::Reference(&mut reference);
         let truth = draw_layer(&mut source, &with_backs, SAMPLES)?;
         let once = draw_layer(&mut source, &with_backs, 1)?;
@@ -201,8 +201,8 @@ pub fn audit(
             margin_px: 1,
             backs_are_holes: closed_oriented,
         };
-        let scores = score(&drawn.0, &culled, &truth.0, &scale);
-        let floor_scores = score(&once.0, &once.0, &truth.0, &scale);
+        let scores = score(&drawn.layer, &culled, &truth.layer, &scale);
+        let floor_scores = score(&once.layer, &once.layer, &truth.layer, &scale);
 
         // Outlines at 8 × 8 positions a pixel.
         let fine = (width * SUBPIXELS, height * SUBPIXELS);
@@ -212,7 +212,7 @@ pub fn audit(
         let view_outlines = silhouette::compare(&drawn_mask, &truth_mask);
 
         if with_shadows {
-            let is_smooth = pixels::smooth(&truth.0, &scale);
+            let is_smooth = pixels::smooth(&truth.layer, &scale);
             let mut models = Source::Models(&mut models);
             let sources = [&mut models, &mut source];
             let (size, smooth) = (options.size, &is_smooth);
@@ -243,7 +243,7 @@ pub fn audit(
             1e6 * (scores.holes.len() + scores.overdraw.len()) as f64 + p999(&scores.appearance);
         if let Some(folder) = options.pictures.as_ref().filter(|_| badness > worst) {
             worst = badness;
-            save_pictures(folder, &drawn.1, &truth.1, &scores)?;
+            save_pictures(folder, &drawn.picture, &truth.picture, &scores)?;
         }
         holes += scores.holes.len() as u64;
         folds += scores.folds.len() as u64;
@@ -357,6 +357,15 @@ impl Source<'_> {
     }
 }
 
+/// What is read back of one drawing.
+struct Drawing {
+    layer: Layer,
+    picture: Picture,
+    /// As [`Canvas::identities`].
+    identities: Vec<u32>,
+    stats: FrameStats,
+}
+
 /// Draws at `n` × `n` samples a pixel, unfiltered.
 fn draw_layer(
     gpu: &Gpu,
@@ -365,7 +374,7 @@ fn draw_layer(
     shot: &Shot,
     (width, height): (u32, u32),
     n: u32,
-) -> Result<(Layer, Picture, FrameStats), RenderError> {
+) -> Result<Drawing, RenderError> {
     let canvas = Canvas::new(gpu, width * n, height * n)?;
     // The front is the user's, whatever the number of samples.
     let shot = shot.finer(n);
@@ -382,7 +391,7 @@ fn draw_layer(
         }
     });
     let layer = Layer::new(width * n, height * n, &picture.rgba, &identities, depths.collect());
-    Ok((layer, picture, stats))
+    Ok(Drawing { layer, picture, identities, stats })
 }
 
 fn draw_mask(

@@ -167,6 +167,8 @@ pub fn score(drawn: &Layer, culled: &Layer, truth: &Layer, scale: &Scale) -> Sco
 #[derive(Debug, Clone, Default)]
 pub(super) struct Seams {
     pub(super) holes: Vec<usize>,
+    /// For each hole, the depth from which on anything lies behind the surface that is to be there.
+    pub(super) behind: Vec<f32>,
     pub(super) folds: Vec<usize>,
     pub(super) overdraw: Vec<usize>,
 }
@@ -189,11 +191,13 @@ pub(super) fn find_seams(
                 seams.overdraw.push(p);
             }
             // Off the axis a pixel's ray is longer than its depth.
-            let inside =
-                ring.all_covered && !reference.jumps_within(x, y, scale.margin_px - 1, scale);
+            let inside = reference.holds(x, y, scale.margin_px)
+                && ring.all_covered
+                && !reference.jumps_within(x, y, scale.margin_px - 1, scale);
             let shows_back = scale.backs_are_holes && drawn.back[p];
             if inside && is_hole(if shows_back { culled } else { drawn }, p, &ring, scale) {
                 seams.holes.push(p);
+                seams.behind.push(behind(&ring, scale) as f32);
             } else if shows_back {
                 seams.folds.push(p);
             }
@@ -234,10 +238,14 @@ fn is_hole(drawn: &Layer, p: usize, ring: &Window, scale: &Scale) -> bool {
     }
     // Through a crack in a closed surface there is nothing but what lies beyond. (A back alone does
     // not tell: a fold of the surface, and every outline of it within one, shows some before a front.)
-    // ε_drawn covers at most τ pixels; one more for the pixel itself. The window's own depth range
-    // takes the surface's slope into account.
+    f64::from(drawn.depth[p]) > behind(ring, scale)
+}
+
+/// The depth from which on something does not belong to the surface in a window. ε_drawn covers at most τ pixels; one
+/// more for the pixel itself. The window's own depth range takes the surface's slope into account.
+fn behind(ring: &Window, scale: &Scale) -> f64 {
     let tolerance = (scale.tau_px + 1.0) * scale.pixel(ring.farthest) * 1.2;
-    f64::from(drawn.depth[p]) > f64::from(ring.farthest) + tolerance
+    f64::from(ring.farthest) + tolerance
 }
 
 /// In quarter pixels: the smallest widening of the pixel's own square in which the reference has
@@ -347,6 +355,12 @@ impl Reduced {
         }
         out.mean_shade.iter_mut().for_each(|s| *s = s.powf(1.0 / 2.2));
         out
+    }
+
+    /// Whether all of a square is in the picture: what lies beyond may jump in depth, and is not known.
+    fn holds(&self, x: usize, y: usize, radius: usize) -> bool {
+        let inside = |c: usize, end: usize| c >= radius && c + radius < end;
+        inside(x, self.width) && inside(y, self.height)
     }
 
     fn window(&self, x: usize, y: usize, radius: usize) -> Window {

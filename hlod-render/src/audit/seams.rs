@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::pixels::{self, Reduced, SAMPLES, find_seams, pushed_out};
+use super::pixels::{self, Layer, Reduced, SAMPLES, find_seams, pushed_out};
 use super::reference::Reference;
 use super::{Source, cameras, draw_layer, save_pictures};
 use crate::camera::Projection;
@@ -25,6 +25,12 @@ use crate::scene::{Mixing, Shadow, Shot, light_from_angles};
 
 /// However coarse a front is, its outlines may be off by no more than a pixel and this.
 const MARGIN_MAX_PX: f64 = 12.0;
+
+/// Where two nodes are drawn within so many pixels of a hole, it may be their seam.
+const SEAM_PX: usize = 2;
+
+/// So many holes are listed, the first ones.
+const HOLES_LISTED_MAX: usize = 200;
 
 /// What is compared.
 #[derive(Debug, Clone)]
@@ -64,6 +70,27 @@ pub struct SeamReport {
     pub pushed_out_pixels: u64,
     /// One row for each τ and kind of front.
     pub fronts: Vec<SeamRow>,
+    /// The first holes.
+    pub holes: Vec<HolePlace>,
+}
+
+/// One hole pixel, and how to draw it again.
+#[derive(Debug, Clone, Serialize)]
+pub struct HolePlace {
+    /// Number of the view.
+    pub view: u32,
+    /// Its camera as `--camera` takes it.
+    pub camera: String,
+    /// τ.
+    pub tau_px: f64,
+    /// As [`SeamRow::front`].
+    pub front: &'static str,
+    /// Pixel from the left and from the top.
+    pub pixel: [usize; 2],
+    /// `nothing`, `back`, or `behind`, a front that is too far away.
+    pub shows: &'static str,
+    /// Whether two nodes are drawn near.
+    pub at_seam: bool,
 }
 
 /// Scores of one kind of front, summed over all views.
@@ -79,6 +106,8 @@ pub struct SeamRow {
     pub depths_mean: f64,
     /// Pixels well inside the scan that show background or something behind.
     pub hole_pixels: u64,
+    /// Of these, those near which two nodes or more are drawn.
+    pub holes_at_seams: u64,
     /// Pixels drawn outside the scan by more than a pixel and, where the front is coarser than τ, by more than it may be off.
     pub overdraw_pixels: u64,
     /// Pixels covered by skirts alone, more than a pixel from what is covered without them.
@@ -122,6 +151,7 @@ pub fn audit_seams(
         .flat_map(|&tau_px| kinds.map(|front| SeamRow::new(tau_px, front)))
         .collect();
     let mut worst = 0;
+    let mut holes = Vec::new();
     for (i, camera) in cameras.iter().enumerate() {
         let shot = Shot {
             camera: *camera,
@@ -133,7 +163,9 @@ pub fn audit_seams(
         let (width, height) = options.size;
         let mut source = Source::Reference(&mut reference);
         let truth = draw_layer(gpu, &mut renderer, &mut source, &shot, options.size, SAMPLES)?;
-        let reduced = Reduced::new(&truth.0);
+        let reduced = Reduced::new(&truth.layer);
+        let [eye, target] = [camera.eye, camera.target].map(|p| framing.relative(p));
+        let place = [eye, target].map(|[x, y, z]| format!("{x:.6},{y:.6},{z:.6}")).join(":");
         let half_extent = camera.half_extent(f64::from(width) / f64::from(height));
         let kinds = mixings(options.seed, i as u32);
         let asked =
@@ -146,11 +178,11 @@ pub fn audit_seams(
                 draw_layer(gpu, &mut renderer, &mut source, shot, options.size, 1)
             };
             let drawn = draw(&with_backs)?;
-            let culled = draw(&Shot { draw_backs: false, ..with_backs })?.0;
-            let open = draw(&Shot { draw_skirts: false, ..with_backs })?.0;
+            let culled = draw(&Shot { draw_backs: false, ..with_backs })?;
+            let open = draw(&Shot { draw_skirts: false, ..with_backs })?.layer;
 
             // What is coarser than τ may be off by more.
-            let drawn_px = error_threshold_px * drawn.2.tau_ratio_max.max(1.0);
+            let drawn_px = error_threshold_px * drawn.stats.tau_ratio_max.max(1.0);
             let margin_px = 1.0 + (drawn_px - error_threshold_px).ceil().min(MARGIN_MAX_PX);
             let scale = pixels::Scale {
                 pixel_at_unit_depth: 2.0 * half_extent.y / f64::from(height),
@@ -159,9 +191,28 @@ pub fn audit_seams(
                 margin_px: margin_px as usize,
                 backs_are_holes: reference.closed_oriented,
             };
-            let seams = find_seams(&drawn.0, &culled, &reduced, &scale);
-            let pushed_out = pushed_out(&drawn.0, &open);
-            let bad = row.add(&seams, pushed_out.len(), drawn.2.nodes, drawn.2.depths);
+            let seams = find_seams(&drawn.layer, &culled.layer, &reduced, &scale);
+            let pushed_out = pushed_out(&drawn.layer, &open);
+            let nodes = NodeOfIdentity(models[0].node_identities());
+            let holes_of_view =
+                seams.holes.iter().zip(&seams.behind).map(|(&p, &behind)| HolePlace {
+                    view: i as u32,
+                    camera: place.clone(),
+                    tau_px: row.tau_px,
+                    front: row.front,
+                    pixel: [p % width as usize, p / width as usize],
+                    shows: match (drawn.layer.covered[p], drawn.layer.back[p]) {
+                        (false, _) => "nothing",
+                        (true, true) => "back",
+                        (true, false) => "behind",
+                    },
+                    at_seam: nodes.several_near(&drawn.identities, &drawn.layer, behind, p),
+                });
+            let holes_of_view: Vec<HolePlace> = holes_of_view.collect();
+            row.holes_at_seams += holes_of_view.iter().filter(|hole| hole.at_seam).count() as u64;
+            let room = HOLES_LISTED_MAX.saturating_sub(holes.len());
+            holes.extend(holes_of_view.into_iter().take(room));
+            let bad = row.add(&seams, pushed_out.len(), drawn.stats.nodes, drawn.stats.depths);
             if let Some(folder) = options.pictures.as_ref().filter(|_| bad > worst) {
                 worst = bad;
                 let mut scores = pixels::Scores {
@@ -171,7 +222,7 @@ pub fn audit_seams(
                     ..pixels::Scores::default()
                 };
                 pushed_out.iter().for_each(|&p| scores.distance_px[p] = 2.0);
-                save_pictures(folder, &drawn.1, &truth.1, &scores)?;
+                save_pictures(folder, &culled.picture, &truth.picture, &scores)?;
             }
         }
         advance(i as u32);
@@ -192,7 +243,33 @@ pub fn audit_seams(
         overdraw_pixels: sum(|row| row.overdraw_pixels),
         pushed_out_pixels: sum(|row| row.pushed_out_pixels),
         fronts,
+        holes,
     })
+}
+
+/// Ranges of identities in order, and whose they are.
+struct NodeOfIdentity(Vec<(std::ops::Range<u32>, u32)>);
+
+impl NodeOfIdentity {
+    /// Of the identity with or without the bit of backs; none of background.
+    fn node(&self, identity: u32) -> Option<u32> {
+        let identity = identity & !(1 << 31);
+        let after = self.0.partition_point(|(range, _)| range.start <= identity);
+        let (range, node) = self.0.get(after.checked_sub(1)?)?;
+        range.contains(&identity).then_some(*node)
+    }
+
+    /// Whether several nodes, or none, are seen within [`SEAM_PX`] of pixel `p` and before `behind`.
+    fn several_near(&self, identities: &[u32], layer: &Layer, behind: f32, p: usize) -> bool {
+        let (width, height) = (layer.width, layer.height);
+        let near = |c: usize, end: usize| c.saturating_sub(SEAM_PX)..=(c + SEAM_PX).min(end - 1);
+        let mut nodes = near(p / width, height)
+            .flat_map(|y| near(p % width, width).map(move |x| y * width + x))
+            .filter(|&q| layer.covered[q] && layer.depth[q] <= behind)
+            .filter_map(|q| self.node(identities[q]));
+        let first = nodes.next();
+        first.is_none() || nodes.any(|node| Some(node) != first)
+    }
 }
 
 impl SeamRow {
@@ -203,6 +280,7 @@ impl SeamRow {
             nodes_mean: 0.0,
             depths_mean: 0.0,
             hole_pixels: 0,
+            holes_at_seams: 0,
             overdraw_pixels: 0,
             pushed_out_pixels: 0,
             views_with_any: 0,
@@ -225,5 +303,43 @@ impl SeamRow {
         self.nodes_mean += nodes as f64;
         self.depths_mean += depths as f64;
         bad
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture of 9 × 9 pixels, all of them at `depth` and of `identity`.
+    fn flat(identity: u32, depth: f32) -> (Vec<u32>, Layer) {
+        let identities = vec![identity; 81];
+        let rgba = vec![128; 4 * 81];
+        (identities.clone(), Layer::new(9, 9, &rgba, &identities, vec![depth; 81]))
+    }
+
+    #[test]
+    fn holes_within_a_node_are_told_from_seams() {
+        let nodes = NodeOfIdentity(vec![(1..10, 7), (10..20, 3), (30..40, 7)]);
+        assert_eq!([1, 9, 10, 1 << 31 | 39].map(|i| nodes.node(i)), [7, 7, 3, 7].map(Some));
+        assert_eq!([0, 20, 29, 40].map(|i| nodes.node(i)), [None; 4]);
+
+        let centre = 4 * 9 + 4;
+        let (mut identities, mut layer) = flat(5, 1.0);
+        assert!(!nodes.several_near(&identities, &layer, 2.0, centre));
+        // The same node's other range, two pixels away, is no other node.
+        identities[centre + 2] = 35;
+        assert!(!nodes.several_near(&identities, &layer, 2.0, centre));
+        // Another node that lies behind is what the hole shows.
+        identities[centre] = 12;
+        layer.depth[centre] = 3.0;
+        assert!(!nodes.several_near(&identities, &layer, 2.0, centre));
+        // Beside the hole it is a seam, farther away it is none.
+        identities[centre + 3] = 12;
+        assert!(!nodes.several_near(&identities, &layer, 2.0, centre));
+        identities[centre + 2] = 12;
+        assert!(nodes.several_near(&identities, &layer, 2.0, centre));
+        // Where nothing is near, nothing is known.
+        let (_, empty) = flat(0, f32::INFINITY);
+        assert!(nodes.several_near(&identities, &empty, 2.0, centre));
     }
 }

@@ -1,5 +1,6 @@
 //! Results for people.
 
+use std::fmt::Write as _;
 use std::path::Path;
 
 use comfy_table::{CellAlignment, Table, presets};
@@ -211,7 +212,17 @@ pub fn audit(r: &AuditReport) -> String {
 pub fn seams(r: &SeamReport) -> String {
     let mut table = Table::new();
     table.load_style(presets::NOTHING);
-    table.set_header(["τ", "front", "nodes", "depths", "holes", "overdraw", "pushed out", "views"]);
+    table.set_header([
+        "τ",
+        "front",
+        "nodes",
+        "depths",
+        "holes",
+        "at seams",
+        "overdraw",
+        "pushed out",
+        "views",
+    ]);
     for row in &r.fronts {
         table.add_row([
             format!("{} px", row.tau_px),
@@ -219,19 +230,36 @@ pub fn seams(r: &SeamReport) -> String {
             format!("{:.0}", row.nodes_mean),
             format!("{:.1}", row.depths_mean),
             row.hole_pixels.to_string(),
+            row.holes_at_seams.to_string(),
             row.overdraw_pixels.to_string(),
             row.pushed_out_pixels.to_string(),
             row.views_with_any.to_string(),
         ]);
     }
-    for column in 2..8 {
+    for column in 2..9 {
         if let Some(values) = table.column_mut(column) {
             values.set_cell_alignment(CellAlignment::Right);
         }
     }
+    const LISTED: usize = 10;
+    let mut list = String::new();
+    for hole in r.holes.iter().take(LISTED) {
+        let [x, y] = hole.pixel;
+        let place = if hole.at_seam { "between nodes" } else { "within a node" };
+        let _ = write!(
+            list,
+            "\nhole: view {}, {} px, {}: pixel {x},{y} shows {}, {place}",
+            hole.view, hole.tau_px, hole.front, hole.shows
+        );
+    }
+    if r.holes.len() > LISTED {
+        list += "\n(more of them with --json)";
+    }
     format!(
         "{} · {} · {} views · seed {}\n{}\n{}\n\
-         pushed out: pixels that what closes seams covers alone, more than a pixel from the rest; views: with any of these",
+         at seams: holes near which several nodes are drawn, others are a node's own\n\
+         pushed out: pixels that what closes seams covers alone, more than a pixel from the rest; views: with any of \
+         these{list}",
         r.file.display(),
         r.representation,
         r.views,
