@@ -291,8 +291,10 @@ fn refine<const K: usize>(
         for &t in &specks {
             Speck::of_triangle(prepared, t).add_to(&mut mesh, budget, false);
         }
+        // Openings that collapses and rounding left are filled as far as what fills them can be within the budget; the
+        // certificate has to find that it is.
         let cube = Cube { min: budget.cell_min, units: budget.cell_units };
-        fill_simplified(&mut mesh, TEAR_SHARE * budget.whole, &cube);
+        fill_simplified(&mut mesh, budget.whole, &cube);
         dust.add_to(&mut mesh, prepared, budget);
         if mesh.triangles.is_empty() {
             // Rounding left nothing.
@@ -363,10 +365,6 @@ const RELEASE_ROUND: u32 = 8;
 /// From this round on, what is still lost has been rounded away: pieces by themselves that are
 /// smaller than the grid.
 const SPECK_ROUND: u32 = 4;
-
-/// Openings that rounding left, or the source had, are filled by triangles that stray no more than
-/// this share of the budget from their borders.
-const TEAR_SHARE: f64 = 0.25;
 
 /// Distances below this share of the budget are not told apart: doing so would cost most of the
 /// time and gain little.
