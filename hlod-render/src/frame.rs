@@ -93,13 +93,13 @@ impl Renderer {
         targets: &Targets,
     ) -> Result<FrameStats, RenderError> {
         self.prefetch.plan(models, shot, targets.window().picture());
-        let fronts = update(gpu, models, shot, targets, None)?;
+        let fronts = update(gpu, models, shot, targets, Arrivals::AsTheyCome)?;
         self.draw(gpu, models, &fronts, shot, targets)?;
         let can_choose = self.passes.whole().can_choose_points(gpu, targets);
         Ok(stats(models, &fronts, shot, targets, can_choose))
     }
 
-    /// Draws one frame after loading everything it wants.
+    /// Draws one frame after loading everything it wants; the same picture every time.
     ///
     /// # Errors
     /// When the GPU fails, or a part that is needed is damaged.
@@ -111,7 +111,7 @@ impl Renderer {
         targets: &Targets,
     ) -> Result<FrameStats, RenderError> {
         loop {
-            let fronts = update(gpu, models, shot, targets, None)?;
+            let fronts = update(gpu, models, shot, targets, Arrivals::InOrder(None))?;
             let mut all = fronts.receivers.iter().chain(&fronts.casters);
             if all.all(|f| f.wanted.is_empty()) || !models.iter().any(Model::is_loading) {
                 self.draw(gpu, models, &fronts, shot, targets)?;
@@ -136,7 +136,7 @@ impl Renderer {
         survey: &Survey,
     ) -> Result<FrameStats, RenderError> {
         loop {
-            let fronts = update(gpu, models, shot, targets, Some(survey))?;
+            let fronts = update(gpu, models, shot, targets, Arrivals::InOrder(Some(survey)))?;
             let mut all = fronts.receivers.iter().chain(&fronts.casters);
             if all.all(|f| f.wanted.is_empty()) || !models.iter().any(Model::is_loading) {
                 self.draw(gpu, models, &fronts, shot, targets)?;
@@ -379,29 +379,43 @@ pub(crate) fn selection(shot: &Shot) -> Selection {
     }
 }
 
+/// In which order what was read comes to the GPU. Where two triangles are equally near, at an edge that they share, that
+/// which came first is drawn.
+#[derive(Clone, Copy)]
+enum Arrivals<'a> {
+    /// Now what is here.
+    AsTheyCome,
+    /// All that was asked for, in the file's order; of a part of a picture, what is known of all of it.
+    InOrder(Option<&'a Survey>),
+}
+
 /// Receive → select → request, for every model.
 fn update(
     gpu: &Gpu,
     models: &mut [Model],
     shot: &Shot,
     targets: &Targets,
-    survey: Option<&Survey>,
+    arrivals: Arrivals<'_>,
 ) -> Result<Fronts, RenderError> {
     check_clip(shot)?;
+    let survey = match arrivals {
+        Arrivals::AsTheyCome => None,
+        Arrivals::InOrder(survey) => survey,
+    };
     let (width, height) = targets.window().picture();
     let selection = selection(shot);
     let mut fronts = Fronts::default();
     for (m, model) in models.iter_mut().enumerate() {
         let mut view = View::of_shot(shot, model.world_from_model(), (width, height));
-        match survey {
-            None => model.receive(gpu)?,
-            Some(survey) => {
-                model.receive_in_order(gpu)?;
-                view = survey.narrowed(view, targets, m);
-                // What is here and cannot be drawn before the rest is must not make room for it.
-                let kept = select(model.skeleton(), &view, selection, &|_, _| true);
-                fronts.kept.push(Front { wanted: Vec::new(), ..kept });
-            }
+        match arrivals {
+            Arrivals::AsTheyCome => model.receive(gpu)?,
+            Arrivals::InOrder(_) => model.receive_in_order(gpu)?,
+        }
+        if let Some(survey) = survey {
+            view = survey.narrowed(view, targets, m);
+            // What is here and cannot be drawn before the rest is must not make room for it.
+            let kept = select(model.skeleton(), &view, selection, &|_, _| true);
+            fronts.kept.push(Front { wanted: Vec::new(), ..kept });
         }
         let is_resident = |n, r| model.is_resident(n, r);
         let mut front = select(model.skeleton(), &view, selection, &is_resident);

@@ -9,8 +9,8 @@ struct Cells {
     farthest: f32,
     // Of all samples, the largest of −x, −y, x, y and depth, as ordered(); 0 for none.
     largest: array<u32, 5>,
-    // 1 + the pixel of the first sample of each; then, for blocks of cells, the largest depth of
-    // their samples, as ordered().
+    // 1 + the pixel of the first sample of each; then the largest depth of the samples of each, as ordered(), 0 for
+    // none; then that of each block of cells.
     cell: array<u32>,
 }
 
@@ -30,4 +30,16 @@ fn cells_of(low: vec2<f32>, high: vec2<f32>) -> vec4<i32> {
         return vec4(0, 0, -1, -1);
     }
     return vec4(max(vec2<i32>(first), vec2(0)), min(vec2<i32>(last), grid.size - 1));
+}
+
+// The largest depth of the samples in a cell; less than any where there are none.
+fn deepest_of(cell: vec2<i32>) -> f32 {
+    let code = grid.cell[grid.size.x * (grid.size.y + cell.y) + cell.x];
+    return select(unordered(code), -3e38, code == 0u);
+}
+
+// And in a block.
+fn deepest_of_block(block: vec2<i32>) -> f32 {
+    let code = grid.cell[2 * grid.size.x * grid.size.y + block.y * grid.blocks + block.x];
+    return select(unordered(code), -3e38, code == 0u);
 }

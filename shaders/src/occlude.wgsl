@@ -138,16 +138,13 @@ fn occlude(
     if any(extent <= vec2(0)) {
         return;
     }
-    // Nothing behind it where it may cover four blocks at most: most of what is lit is left here.
-    let block = start / BLOCK;
-    let last_block = to / BLOCK;
-    if all(last_block - block <= vec2(1)) {
-        let blocks = grid.size.x * grid.size.y + vec2(block.y, last_block.y) * grid.blocks;
+    // Nothing behind it where it may cover four cells at most: most of what is lit is left here.
+    if all(extent <= vec2(2)) {
         let behind = max(
-            max(grid.cell[blocks.x + block.x], grid.cell[blocks.x + last_block.x]),
-            max(grid.cell[blocks.y + block.x], grid.cell[blocks.y + last_block.x]),
+            max(deepest_of(start), deepest_of(vec2(to.x, start.y))),
+            max(deepest_of(vec2(start.x, to.y)), deepest_of(to)),
         );
-        if behind <= ordered(nearest) {
+        if behind <= nearest {
             return;
         }
     }

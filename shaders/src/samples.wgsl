@@ -9,8 +9,8 @@ struct Cells {
     farthest: f32,
     // Of all samples, the largest of −x, −y, x, y and depth, as ordered(); 0 for none.
     largest: array<atomic<u32>, 5>,
-    // 1 + the pixel of the first sample of each; then, for blocks of cells, the largest depth of
-    // their samples, as ordered().
+    // 1 + the pixel of the first sample of each; then the largest depth of the samples of each, as ordered(), 0 for
+    // none; then that of each block of cells.
     cell: array<atomic<u32>>,
 }
 
@@ -178,9 +178,9 @@ fn lay_out() {
     // Without samples nothing is nearer than the farthest.
     grid.farthest = select(-3e38, largest[4], atomicLoad(&grid.largest[4]) != 0u);
     let extent = max(vec2(largest[2], largest[3]) - grid.low, vec2(1e-30));
-    // Blocks take no more than what is left: there are 16 cells to most of them, 4 to those of a
-    // grid of one row.
-    let room = f32((arrayLength(&grid.cell) - 64u) / 5u * 4u);
+    // Two numbers for each cell. Blocks take no more than what is left: there are 64 cells to most of them, 8 to those
+    // of a grid of one row.
+    let room = f32((arrayLength(&grid.cell) - 64u) / 17u * 8u);
     let columns = clamp(floor(sqrt(room * clamp(extent.x / extent.y, 1e-6, 1e6))), 1.0, room);
     grid.size = vec2<i32>(vec2(columns, max(floor(room / columns), 1.0)));
     grid.blocks = (grid.size.x + BLOCK - 1) / BLOCK;
@@ -201,7 +201,12 @@ fn bin(@builtin(global_invocation_id) id: vec3<u32>) {
     let place = floor((vec2(sample.x, sample.y) - grid.low) * grid.cells_per_unit);
     let cell = clamp(vec2<i32>(place), vec2(0), grid.size - 1);
     samples[pixel].next = atomicExchange(&grid.cell[cell.y * grid.size.x + cell.x], pixel + 1u);
+    let cells = grid.size.x * grid.size.y;
     let block = cell / BLOCK;
-    let first = grid.size.x * grid.size.y;
-    atomicMax(&grid.cell[first + block.y * grid.blocks + block.x], ordered(sample.depth));
+    let depth = ordered(sample.depth);
+    atomicMax(&grid.cell[cells + cell.y * grid.size.x + cell.x], depth);
+    // Soft shadows look at whole blocks first.
+    if frame.shadow.w > 0.0 {
+        atomicMax(&grid.cell[2 * cells + block.y * grid.blocks + block.x], depth);
+    }
 }

@@ -30,7 +30,7 @@ const TURNED: u32 = 0xfffffffeu;
 const ABSENT: u32 = 0xffffffffu;
 
 // Cells along a block's side.
-const BLOCK: i32 = 4;
+const BLOCK: i32 = 8;
 
 // Grows with f, and is never 0.
 fn ordered(f: f32) -> u32 {

@@ -59,7 +59,6 @@ const NO_VERTEX: u32 = 0xffffffffu;
 const TRIANGLE: u32 = 0u;
 const EDGE: u32 = 1u;
 const DISC: u32 = 2u;
-const TILE: i32 = 16;
 const PI: f32 = 3.14159265;
 
 fn in_light_space(index: u32) -> vec4<f32> {
@@ -67,10 +66,61 @@ fn in_light_space(index: u32) -> vec4<f32> {
     return frame.light_from_model * vec4(v.x, v.y, v.z, 1.0);
 }
 
+// Where a tile's triangle, edge or disc lies on the light's picture.
+struct Outline {
+    low: vec2<f32>,
+    high: vec2<f32>,
+    nearest: f32,
+    // Across an edge, of length 1; else 0.
+    normal: vec2<f32>,
+    start: vec2<f32>,
+    // How far beyond it may hide a part of the light, for each unit of depth that it is nearer.
+    spread: f32,
+}
+
+fn outline_of(tile: Tile) -> Outline {
+    let is_edge = tile.kind == EDGE;
+    let a = tile.a;
+    let b = tile.b;
+    let c = tile.c;
+    let spread = select(frame.shadow.w, 0.0, tile.kind == TRIANGLE);
+    // What is cut may be anywhere.
+    if min(min(a.w, b.w), select(c.w, a.w, is_edge)) < frame.shadow.y {
+        return Outline(vec2(-1e30), vec2(1e30), -3e38, vec2(0.0), vec2(0.0), spread);
+    }
+    let p = a.xyz / a.w;
+    let q = b.xyz / b.w;
+    let r = select(c.xyz / c.w, p, is_edge);
+    let along = q.xy - p.xy;
+    let length = length(along);
+    let normal = select(vec2(0.0), vec2(along.y, -along.x) / length, is_edge && length > 0.0);
+    let low = min(min(p, q), r);
+    return Outline(low.xy, max(max(p.xy, q.xy), r.xy), low.z, normal, p.xy, spread);
+}
+
+// Whether any sample in a rectangle of the light's picture that is no deeper than `deepest` may be reached. With a margin for
+// rounding.
+fn may_reach(outline: Outline, low: vec2<f32>, high: vec2<f32>, deepest: f32) -> bool {
+    let reach = 1.001 * outline.spread * (deepest - outline.nearest);
+    let beside = max(outline.low - high, low - outline.high);
+    let half = (high - low) / 2.0;
+    let from_edge = abs(dot(outline.normal, low + half - outline.start)) - dot(abs(outline.normal), half);
+    return (deepest > outline.nearest) & all(beside <= vec2(reach)) & (from_edge <= reach);
+}
+
+// The entry of a cell; 0 where none of its samples is reached.
+fn entry_of(outline: Outline, cell: vec2<i32>) -> u32 {
+    let size = 1.0 / grid.cells_per_unit;
+    let low = grid.low + size * (vec2<f32>(cell) - 0.02);
+    let is_reached = may_reach(outline, low, low + 1.04 * size, deepest_of(cell));
+    return select(0u, grid.cell[cell.y * grid.size.x + cell.x], is_reached);
+}
+
 // Adds to the samples of a rectangle of cells.
 fn add(first: vec2<i32>, last: vec2<i32>, tile: Tile) {
+    let outline = outline_of(tile);
     var at = first;
-    var entry = grid.cell[at.y * grid.size.x + at.x];
+    var entry = entry_of(outline, at);
     loop {
         if entry == 0u {
             at.x++;
@@ -80,7 +130,7 @@ fn add(first: vec2<i32>, last: vec2<i32>, tile: Tile) {
                     break;
                 }
             }
-            entry = grid.cell[at.y * grid.size.x + at.x];
+            entry = entry_of(outline, at);
             continue;
         }
         let pixel = entry - 1u;
@@ -235,15 +285,28 @@ fn add_or_divide(tile: Tile) {
     if any(extent <= vec2(0)) {
         return;
     }
-    if extent.x <= CELLS_MAX && extent.y <= CELLS_MAX && extent.x * extent.y <= CELLS_MAX {
+    if tile.kind != EDGE && extent.x <= CELLS_MAX && extent.y <= CELLS_MAX && extent.x * extent.y <= CELLS_MAX {
         add(tile.cells.xy, tile.cells.zw, tile);
         return;
     }
-    for (var y = tile.cells.y; y <= tile.cells.w; y += TILE) {
-        for (var x = tile.cells.x; x <= tile.cells.z; x += TILE) {
+    // By whole blocks, as far as anything in them is reached.
+    let outline = outline_of(tile);
+    let size = 1.0 / grid.cells_per_unit;
+    let first = tile.cells.xy / BLOCK;
+    let last = tile.cells.zw / BLOCK;
+    for (var y = first.y; y <= last.y; y++) {
+        for (var x = first.x; x <= last.x; x++) {
+            let block = vec2(x, y);
+            let low = grid.low + size * (vec2<f32>(block * BLOCK) - 0.02);
+            if !may_reach(outline, low, low + size * (f32(BLOCK) + 0.04), deepest_of_block(block)) {
+                continue;
+            }
             let slot = atomicAdd(&tiles.count, 1u);
             var part = tile;
-            part.cells = vec4(x, y, min(vec2(x, y) + TILE - 1, tile.cells.zw));
+            part.cells = vec4(
+                max(block * BLOCK, tile.cells.xy),
+                min(block * BLOCK + BLOCK - 1, tile.cells.zw),
+            );
             if slot < arrayLength(&tiles.tile) {
                 tiles.tile[slot] = part;
             } else {
@@ -367,11 +430,9 @@ fn soften_tiles(
     let count = min(atomicLoad(&tiles.count), arrayLength(&tiles.tile));
     for (var t = group.x; t < count; t += groups.x) {
         let tile = tiles.tile[t];
-        // Four cells each.
-        let first = tile.cells.xy + 2 * vec2(i32(i) % 8, i32(i) / 8);
-        let last = min(first + 1, tile.cells.zw);
-        if all(first <= tile.cells.zw) {
-            add(first, last, tile);
+        let cell = tile.cells.xy + vec2(i32(i) % BLOCK, i32(i) / BLOCK);
+        if all(cell <= tile.cells.zw) {
+            add(cell, cell, tile);
         }
     }
 }

@@ -45,7 +45,7 @@ const TILE_GROUPS: u32 = 256;
 const SIDE: u32 = 8;
 /// Pixels that `measure` has in a column, and columns of a workgroup.
 const COLUMN: u32 = 64;
-/// Divisible by 4.
+/// Divisible by 8.
 const CELLS_MIN: u64 = 1 << 12;
 
 pub(super) struct HardShadows {
@@ -189,9 +189,10 @@ impl HardShadows {
         let pixels = u64::from(targets.width()) * u64::from(targets.height());
         // About two samples a cell where half of the area is covered: fewer cells hold more samples to
         // test, more are more to look into.
-        let cell_count = (u64::from(area.width) * u64::from(area.height) / 4).max(CELLS_MIN);
-        // And a block for every four of them at most.
-        let cell_count = cell_count / 4 * 5 + 64;
+        let cell_count =
+            (u64::from(area.width) * u64::from(area.height) / 4).max(CELLS_MIN).next_multiple_of(8);
+        // Two numbers for each, and a block for every eight of them at most.
+        let cell_count = cell_count / 8 * 17 + 64;
         for (target, bytes) in [
             (&mut self.samples, SAMPLE_BYTES * pixels),
             (&mut self.cells, GRID_BYTES + 4 * cell_count),
