@@ -214,7 +214,7 @@ impl CasterView {
             }
         };
         let blur = |apart: f64, farthest: f64| {
-            let width = 2.0 * light_radius * apart;
+            let width = 2.0 * light_radius * apart / STEEPEST;
             match light {
                 Light::Directional(_) => width,
                 Light::Point(_) if apart > 0.0 => width / (farthest + apart),
@@ -246,6 +246,12 @@ impl CasterView {
         any.unwrap_or([0.0; 2])
     }
 }
+
+/// A step of light times the width of a penumbra is how far an outline may move if light falls off evenly across it, as Guthe
+/// et al. (2004) take it. The covered part of a disc changes by the outline's length in it times how far that moves: for a
+/// straight edge through the middle 4/π times as much as evenly, for convex outlines, whose length is at most the disc's own,
+/// 4 times.
+const STEEPEST: f64 = 4.0;
 
 /// The least and the largest distance from a point to a box.
 fn distances(point: DVec3, [low, high]: &[DVec3; 2]) -> [f64; 2] {

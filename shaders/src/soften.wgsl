@@ -66,6 +66,38 @@ fn in_light_space(index: u32) -> vec4<f32> {
     return frame.light_from_model * vec4(v.x, v.y, v.z, 1.0);
 }
 
+fn comes_before(a: vec4<f32>, b: vec4<f32>) -> bool {
+    return a.x < b.x || (a.x == b.x && (a.y < b.y || (a.y == b.y && (a.z < b.z || (a.z == b.z && a.w < b.w)))));
+}
+
+// Positive where a triangle faces the light. Rounded the same whichever corner comes first: a triangle that is seen edge on
+// and its neighbours have to agree whether there is an edge between them, or an outline has a gap.
+fn facing_of(p: vec4<f32>, q: vec4<f32>, r: vec4<f32>) -> f32 {
+    var a = p;
+    var b = q;
+    var c = r;
+    var turned = 1.0;
+    if comes_before(b, a) {
+        let other = a;
+        a = b;
+        b = other;
+        turned = -turned;
+    }
+    if comes_before(c, b) {
+        let other = b;
+        b = c;
+        c = other;
+        turned = -turned;
+    }
+    if comes_before(b, a) {
+        let other = a;
+        a = b;
+        b = other;
+        turned = -turned;
+    }
+    return turned * dot(a.xyw, cross(b.xyw - a.xyw, c.xyw - a.xyw));
+}
+
 // Where a tile's triangle, edge or disc lies on the light's picture.
 struct Outline {
     low: vec2<f32>,
@@ -352,7 +384,7 @@ fn soften(
         }
         p[k] = frame.light_from_model * vec4(corner_of(triangle, k), 1.0);
     }
-    let determinant = dot(p[0].xyw, cross(p[1].xyw, p[2].xyw));
+    let determinant = facing_of(p[0], p[1], p[2]);
     if determinant == 0.0 || ((chunk.count & CULLED) != 0u && determinant < 0.0) {
         return;
     }
@@ -399,7 +431,7 @@ fn soften(
         if other != NO_VERTEX {
             // The neighbour has the edge the other way round.
             let c = in_light_space(other);
-            if dot(p[next].xyw, cross(p[k].xyw, c.xyw)) * facing > 0.0 {
+            if facing_of(p[next], p[k], c) * facing > 0.0 {
                 continue;
             }
         }

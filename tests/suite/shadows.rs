@@ -426,6 +426,44 @@ fn a_straight_edge_s_penumbra_is_that_of_a_disc() {
     }
 }
 
+/// However coarse the levels are that a soft light lets cast, no place in a penumbra is lit by more than the step that is
+/// allowed more or less than by the finest: so none jumps by more when levels change.
+#[test]
+fn levels_that_cast_change_penumbrae_by_less_than_the_step() {
+    let mut scene = Scene::new(ball());
+    for (light, light_size) in [
+        (Light::Point(DVec3::new(0.4, 4.0, -0.3)), 1.0),
+        (Light::Directional(DVec3::new(0.1, 1.0, -0.1)), 12.0),
+    ] {
+        // Of what casts nothing is seen: beside what receives a shadow, no step allows any error.
+        let mut shot = shot(DVec3::new(0.9, 0.5, 0.9), light);
+        shot.camera.target = DVec3::new(0.0, 0.0, 0.03);
+        // Only the step lets coarser levels cast, and what is seen stays the same.
+        let finest = Shot {
+            shadow: Shadow::Soft,
+            light_size,
+            error_threshold_px: 1e-6,
+            caster_threshold_px: 1e-6,
+            intensity_step: 0.0,
+            ..shot
+        };
+        let (truth, all) = (shares(&mut scene, &finest), scene.draw(&finest).1.caster_triangles);
+        for step in [1.0 / 64.0, 1.0 / 16.0, 1.0 / 4.0] {
+            let coarser = Shot { intensity_step: step, ..finest };
+            let cast = scene.draw(&coarser).1.caster_triangles;
+            let drawn = shares(&mut scene, &coarser);
+            let both = drawn.iter().zip(&truth).filter_map(|(d, t)| Some(((*d)?, (*t)?)));
+            let worst = both.map(|(d, t)| (d - t).abs()).fold(0.0, f64::max);
+            let dark = truth.iter().flatten().filter(|hidden| **hidden > 0.0).count();
+            assert!(
+                dark > 10_000 && cast < all,
+                "{light:?}: {dark} pixels, {cast} of {all} triangles"
+            );
+            assert!(worst <= step, "{light:?}: {worst} for {step}");
+        }
+    }
+}
+
 #[test]
 fn a_light_without_extent_casts_hard_shadows() {
     let mut scene = Scene::new(ball());
