@@ -168,7 +168,7 @@ pub fn audit(
     let mut penumbrae = PenumbraScores::default();
     let mut per_view: Vec<ViewScore> = Vec::new();
     let (mut holes, mut folds, mut overdraw, mut compared) = (0, 0, 0, 0);
-    let mut worst = -1.0;
+    let (mut worst, mut worst_penumbra) = (-1.0, -1.0);
     for (i, camera) in cameras.iter().enumerate() {
         let light = light_from_angles(camera, options.light.0, options.light.1);
         let in_shadow = Shot { camera: *camera, light, ..*shot_template };
@@ -218,9 +218,16 @@ pub fn audit(
             let (size, smooth) = (options.size, &is_smooth);
             if is_soft {
                 let seed = i as u64;
-                let of_view =
+                let (of_view, panels) =
                     compare_penumbrae(gpu, &mut renderer, sources, &in_shadow, size, smooth, seed)?;
                 penumbrae.merge(&of_view);
+                if let Some(folder) =
+                    options.pictures.as_ref().filter(|_| of_view.rmse() > worst_penumbra)
+                {
+                    worst_penumbra = of_view.rmse();
+                    std::fs::create_dir_all(folder).map_err(RenderError::io(folder, "create"))?;
+                    panels.save(&folder.join("penumbra.png"))?;
+                }
             } else {
                 let of_view =
                     compare_shadows(gpu, &mut renderer, sources, &in_shadow, size, smooth)?;

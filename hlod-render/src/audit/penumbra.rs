@@ -13,7 +13,7 @@ use super::{Source, draw};
 use crate::error::RenderError;
 use crate::frame::Renderer;
 use crate::gpu::Gpu;
-use crate::picture::Canvas;
+use crate::picture::{Canvas, Picture};
 use crate::scene::{Shadow, Shot};
 use crate::traced::HIDDEN;
 
@@ -89,6 +89,11 @@ impl PenumbraScores {
         self.tiles_beyond = other.tiles_beyond;
     }
 
+    /// The root of the mean square where the truth is a penumbra.
+    pub(super) fn rmse(&self) -> f64 {
+        self.inside.mean(0).sqrt()
+    }
+
     pub(super) fn report(&self) -> Penumbra {
         let all: u64 = self.strata.iter().map(|(_, stands_for)| stands_for).sum();
         let everywhere = |i: usize| {
@@ -97,7 +102,7 @@ impl PenumbraScores {
         };
         let compared = self.strata[0].0.count + self.strata[1].0.count;
         Penumbra {
-            rmse: self.inside.mean(0).sqrt(),
+            rmse: self.rmse(),
             rmse_everywhere: everywhere(0),
             hard_rmse: self.inside.mean(1).sqrt(),
             hard_rmse_everywhere: everywhere(1),
@@ -109,7 +114,8 @@ impl PenumbraScores {
 }
 
 /// Compares soft shadows, and hard ones, with what rays find from the reference. `is_smooth` says which pixels have neither
-/// an outline nor a jump of depth near them, `seed` which of them are compared.
+/// an outline nor a jump of depth near them, `seed` which of them are compared. The picture has four parts, as of
+/// [`panels`].
 pub(super) fn compare_penumbrae(
     gpu: &Gpu,
     renderer: &mut Renderer,
@@ -118,7 +124,7 @@ pub(super) fn compare_penumbrae(
     size: (u32, u32),
     is_smooth: &[bool],
     seed: u64,
-) -> Result<PenumbraScores, RenderError> {
+) -> Result<(PenumbraScores, Picture), RenderError> {
     let canvas = Canvas::new(gpu, size.0, size.1)?;
     let cosines = cosines(gpu, renderer, truth, shot, &canvas)?;
     let mut hidden = |source: &mut Source<'_>, shot: &Shot| {
@@ -147,7 +153,7 @@ pub(super) fn compare_penumbrae(
     let chosen = kinds.each_ref().map(|pixels| choose(pixels, PIXELS, seed));
     let mut is_chosen = vec![false; usable.len()];
     chosen.iter().flatten().for_each(|&p| is_chosen[p] = true);
-    let (exact, _) = rays_of(RAYS, is_chosen)?;
+    let (exact, _) = rays_of(RAYS, is_chosen.clone())?;
 
     let mut scores =
         PenumbraScores { tiles_beyond: renderer.shadow_tiles_beyond(gpu)?, ..Default::default() };
@@ -161,7 +167,60 @@ pub(super) fn compare_penumbrae(
             }
         }
     }
-    Ok(scores)
+    let truth: Vec<f64> =
+        (0..usable.len()).map(|p| if is_chosen[p] { exact[p] } else { probe[p] }).collect();
+    let kind = |p: usize| match (is_chosen[p], usable[p]) {
+        (true, _) => Kind::Compared,
+        (false, true) => Kind::Seen,
+        (false, false) => Kind::LeftOut,
+    };
+    let kinds: Vec<Kind> = (0..usable.len()).map(kind).collect();
+    Ok((scores, panels(size, [&soft, &hard, &truth], &kinds)))
+}
+
+/// What became of a pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// Background, beside an outline, or light grazes it.
+    LeftOut,
+    /// Only a few rays were traced from it.
+    Seen,
+    Compared,
+}
+
+/// Side by side: soft shadows, hard ones, rays, each as the share of the light that is seen, and where soft ones are too dark
+/// (red) or too bright (blue), white by half of the light; shares are hidden ones, 0 to 1.
+fn panels(
+    (width, height): (u32, u32),
+    [soft, hard, truth]: [&[f64]; 3],
+    kinds: &[Kind],
+) -> Picture {
+    const LEFT_OUT: [u8; 3] = [40, 44, 60];
+    let level = |share: f64| (255.0 * share.clamp(0.0, 1.0)).round() as u8;
+    let colour = |panel: usize, p: usize| -> [u8; 3] {
+        match (panel, kinds[p]) {
+            (2 | 3, Kind::LeftOut) => LEFT_OUT,
+            (0..=2, _) => [level(1.0 - [soft, hard, truth][panel][p]); 3],
+            (_, Kind::Seen | Kind::LeftOut) => [0; 3],
+            (_, Kind::Compared) => {
+                let more = soft[p] - truth[p];
+                let strong = level(2.0 * more.abs());
+                let rest = level(4.0 * more.abs() - 1.0);
+                if more > 0.0 { [strong, rest, rest] } else { [rest, rest, strong] }
+            }
+        }
+    };
+    let row = |y: u32| {
+        (0..4).flat_map(move |panel| (0..width).map(move |x| (panel, (y * width + x) as usize)))
+    };
+    let rgba = (0..height)
+        .flat_map(row)
+        .flat_map(|(panel, p)| {
+            let [r, g, b] = colour(panel, p);
+            [r, g, b, 255]
+        })
+        .collect();
+    Picture { width: 4 * width, height, rgba }
 }
 
 /// So many of them by chance, each at most once (a linear congruential walk over a power of two; Hull & Dobell 1962).
@@ -194,6 +253,26 @@ mod tests {
             assert!((60..=140).contains(&upper), "{upper} of 200 with {seed}");
         }
         assert!(choose(&[], 5, 1).is_empty());
+    }
+
+    #[test]
+    fn what_is_too_dark_is_red_and_what_is_too_bright_blue() {
+        use Kind::{Compared, LeftOut, Seen};
+        let kinds = [Compared, Compared, Seen, LeftOut];
+        let picture =
+            panels((2, 2), [&[0.8, 0.2, 1.0, 0.0], &[1.0; 4], &[0.5, 0.5, 1.0, 0.0]], &kinds);
+        assert_eq!((picture.width, picture.height), (8, 2));
+        let at = |x: usize, y: usize| {
+            let p = 4 * (y * 8 + x);
+            [picture.rgba[p], picture.rgba[p + 1], picture.rgba[p + 2]]
+        };
+        assert_eq!([at(0, 0), at(1, 0), at(0, 1)], [[51; 3], [204; 3], [0; 3]]);
+        assert_eq!([at(2, 0), at(4, 0)], [[0; 3], [128; 3]]);
+        let [dark, bright] = [at(6, 0), at(7, 0)];
+        assert!(dark[0] > 150 && dark[2] < 60 && bright[2] > 150 && bright[0] < 60);
+        // Of what was not compared nothing is said.
+        assert_eq!(at(6, 1), [0; 3]);
+        assert_ne!(at(7, 1), [0; 3]);
     }
 
     #[test]

@@ -134,10 +134,10 @@ fn steps_of_brightness_are_allowed_where_penumbrae_are_wide_alone() {
     };
     assert_eq!(root_px(0.0, 0.5), root_px(0.0, 0.0), "hard edges have no penumbra");
     assert_eq!(root_px(3.0, 0.0), root_px(0.0, 0.0), "no step is allowed");
-    // A caster that is wrong by e moves an edge by e, and a point in a penumbra that is w wide sees e / w
-    // more or less of the light: as much as γ allows when e = γ w, besides what τ_c allows.
+    // A caster that is wrong by e moves an edge by e, and a point in a penumbra that is w wide sees up to 4 e / w
+    // more or less of the light: as much as γ allows when e = γ w / 4, besides what τ_c allows.
     let [gap, gamma] = [7.0, 1.0 / 64.0];
-    let width = 2.0 * 1.5f64.to_radians().tan() * gap;
+    let width = 2.0 * 1.5f64.to_radians().tan() * gap / 4.0;
     let allowed = |px: f64| 0.5 * 0.1 / px;
     let more = allowed(root_px(3.0, gamma)) - allowed(root_px(3.0, 0.0));
     assert!((more / (gamma * width) - 1.0).abs() < 1e-9, "{more} {}", gamma * width);

@@ -429,7 +429,8 @@ pub struct AuditArgs {
     pub seed: u64,
     #[command(flatten)]
     pub draw: DrawArgs,
-    /// Write pictures of the worst view to this folder.
+    /// Write pictures of the worst view to this folder; with soft shadows also penumbra.png: soft, hard, rays, and where soft
+    /// ones are too dark (red) or too bright (blue).
     #[arg(long, value_name = "FOLDER")]
     pub pictures: Option<PathBuf>,
     #[command(flatten)]
