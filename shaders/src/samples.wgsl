@@ -202,11 +202,24 @@ fn bin(@builtin(global_invocation_id) id: vec3<u32>) {
     let cell = clamp(vec2<i32>(place), vec2(0), grid.size - 1);
     samples[pixel].next = atomicExchange(&grid.cell[cell.y * grid.size.x + cell.x], pixel + 1u);
     let cells = grid.size.x * grid.size.y;
-    let block = cell / BLOCK;
-    let depth = ordered(sample.depth);
-    atomicMax(&grid.cell[cells + cell.y * grid.size.x + cell.x], depth);
-    // Soft shadows look at whole blocks first.
-    if frame.shadow.w > 0.0 {
-        atomicMax(&grid.cell[2 * cells + block.y * grid.blocks + block.x], depth);
+    atomicMax(&grid.cell[cells + cell.y * grid.size.x + cell.x], ordered(sample.depth));
+}
+
+// The same for blocks, of which a thread has one.
+@compute @workgroup_size(64)
+fn deepen(@builtin(global_invocation_id) id: vec3<u32>) {
+    let block = vec2(i32(id.x) % grid.blocks, i32(id.x) / grid.blocks);
+    let first = block * BLOCK;
+    if first.y >= grid.size.y {
+        return;
     }
+    let end = min(first + BLOCK, grid.size);
+    let cells = grid.size.x * grid.size.y;
+    var deepest = 0u;
+    for (var y = first.y; y < end.y; y++) {
+        for (var x = first.x; x < end.x; x++) {
+            deepest = max(deepest, atomicLoad(&grid.cell[cells + y * grid.size.x + x]));
+        }
+    }
+    atomicStore(&grid.cell[2 * cells + block.y * grid.blocks + block.x], deepest);
 }

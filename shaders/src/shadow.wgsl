@@ -9,7 +9,7 @@
 // its rays. A point: w the distance along its axis and z = −1.
 //
 // samples.wgsl: place: points → samples · measure: their bounds · lay_out: bounds → grid · bin:
-// samples → cells. occlude.wgsl: occlude: triangles against cells · occlude_tiles: what is left of
+// samples → cells · deepen: cells → blocks of them. occlude.wgsl: occlude: triangles against cells · occlude_tiles: what is left of
 // large ones.
 
 struct Sample {

@@ -53,6 +53,7 @@ pub(super) struct HardShadows {
     measure: wgpu::ComputePipeline,
     lay_out: wgpu::ComputePipeline,
     bin: wgpu::ComputePipeline,
+    deepen: wgpu::ComputePipeline,
     occlude: wgpu::ComputePipeline,
     occlude_tiles: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
@@ -87,6 +88,7 @@ pub(super) struct Work {
     bind_group: wgpu::BindGroup,
     area: Rectangle,
     cell_bytes: u64,
+    blocks_most: u32,
 }
 
 impl HardShadows {
@@ -117,8 +119,8 @@ impl HardShadows {
             ],
         });
         let groups = [Some(geometry_layout), Some(&layout)];
-        let names = ["place", "measure", "lay_out", "bin"];
-        let [place, measure, lay_out, bin] =
+        let names = ["place", "measure", "lay_out", "bin", "deepen"];
+        let [place, measure, lay_out, bin, deepen] =
             compute_pipelines(gpu, &groups, hlod_shaders::SAMPLES, names, &constants(false));
         let names = ["occlude", "occlude_tiles"];
         let [occlude, occlude_tiles] =
@@ -129,6 +131,7 @@ impl HardShadows {
             measure,
             lay_out,
             bin,
+            deepen,
             occlude,
             occlude_tiles,
             layout,
@@ -192,6 +195,7 @@ impl HardShadows {
         let cell_count =
             (u64::from(area.width) * u64::from(area.height) / 4).max(CELLS_MIN).next_multiple_of(8);
         // Two numbers for each, and a block for every eight of them at most.
+        let blocks_most = (cell_count / 8 + 64) as u32;
         let cell_count = cell_count / 8 * 17 + 64;
         for (target, bytes) in [
             (&mut self.samples, SAMPLE_BYTES * pixels),
@@ -223,7 +227,7 @@ impl HardShadows {
             layout: &self.layout,
             entries: &entries,
         });
-        Work { chunks, bind_group, area, cell_bytes: GRID_BYTES + 4 * cell_count }
+        Work { chunks, bind_group, area, cell_bytes: GRID_BYTES + 4 * cell_count, blocks_most }
     }
 
     /// What [`super::soft`] needs of these: samples and chunks, and cells.
@@ -279,6 +283,8 @@ impl HardShadows {
             pass.set_pipeline(&self.bin);
             pass.dispatch_workgroups(columns, rows, 1);
             if let How::Soft(shadows, soft_work) = how {
+                pass.set_pipeline(&self.deepen);
+                pass.dispatch_workgroups(work.blocks_most.div_ceil(64), 1, 1);
                 shadows.encode(&mut pass, work, soft_work, face);
                 continue;
             }
