@@ -317,6 +317,7 @@ fn add_or_divide(tile: Tile) {
     if any(extent <= vec2(0)) {
         return;
     }
+    // Few of a workgroup's edges are silhouettes, and have many cells: those are shared out, or its other threads would wait.
     if tile.kind != EDGE && extent.x <= CELLS_MAX && extent.y <= CELLS_MAX && extent.x * extent.y <= CELLS_MAX {
         add(tile.cells.xy, tile.cells.zw, tile);
         return;

@@ -74,7 +74,7 @@ pub struct SeamReport {
     pub holes: Vec<HolePlace>,
 }
 
-/// One hole pixel, and how to draw it again.
+/// One hole pixel, and from where it is seen.
 #[derive(Debug, Clone, Serialize)]
 pub struct HolePlace {
     /// Number of the view.
