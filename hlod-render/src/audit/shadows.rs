@@ -117,6 +117,8 @@ pub(super) fn compare_shadows(
     size: (u32, u32),
     is_smooth: &[bool],
 ) -> Result<ShadowScores, RenderError> {
+    // Edges of shadows have a place where the light is a point: rays heed its size, hard shadows do not.
+    let shot = &Shot { light_size: 0.0, ..*shot };
     let canvas = Canvas::new(gpu, size.0, size.1)?;
     let cosines = cosines(gpu, renderer, truth, shot, &canvas)?;
     let drawn = hidden(gpu, renderer, drawn, shot, &canvas)?;
@@ -125,7 +127,7 @@ pub(super) fn compare_shadows(
         Shadow::Mapped(_) => renderer.map_count(gpu)?,
         _ => MapCount::default(),
     };
-    let truth = hidden(gpu, renderer, truth, &Shot { shadow: Shadow::Traced, ..*shot }, &canvas)?;
+    let truth = truly_hidden(gpu, renderer, truth, shot, size)?;
     Ok(ShadowScores { maps, ..score(&drawn, &truth, &cosines, is_smooth) })
 }
 
@@ -156,6 +158,24 @@ fn hidden(
         }
     }
     Ok(mask)
+}
+
+/// What rays find hidden at the same positions: the reference is the same however large a picture is, so these are
+/// the pixels of a single large one.
+fn truly_hidden(
+    gpu: &Gpu,
+    renderer: &mut Renderer,
+    source: &mut Source<'_>,
+    shot: &Shot,
+    (width, height): (u32, u32),
+) -> Result<Mask, RenderError> {
+    let canvas = Canvas::new(gpu, width * SUBPIXELS, height * SUBPIXELS)?;
+    let shot = Shot { shadow: Shadow::Traced, ..shot.finer(SUBPIXELS) };
+    draw(gpu, renderer, source, &shot, &canvas)?;
+    let (occlusion, identities) = (canvas.occlusion(gpu)?, canvas.identities(gpu)?);
+    let covered = occlusion.iter().zip(&identities).map(|(&hidden, &id)| id != 0 && hidden > 0);
+    let [width, height] = [width, height].map(|n| (n * SUBPIXELS) as usize);
+    Ok(Mask { width, height, covered: covered.collect() })
 }
 
 /// Cosine of the angle of incidence in each pixel.
