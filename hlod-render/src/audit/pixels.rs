@@ -190,12 +190,13 @@ pub(super) fn find_seams(
             if drawn.covered[p] && !ring.any_covered {
                 seams.overdraw.push(p);
             }
-            // Off the axis a pixel's ray is longer than its depth.
-            let inside = reference.holds(x, y, scale.margin_px)
-                && ring.all_covered
-                && !reference.jumps_within(x, y, scale.margin_px - 1, scale);
             let shows_back = scale.backs_are_holes && drawn.back[p];
-            if inside && is_hole(if shows_back { culled } else { drawn }, p, &ring, scale) {
+            // Whether the surface jumps takes longest, and is asked of few.
+            let is_hole = ring.all_covered
+                && is_hole(if shows_back { culled } else { drawn }, p, &ring, scale)
+                && reference.holds(x, y, scale.margin_px)
+                && !reference.jumps_within(x, y, scale.margin_px - 1, scale);
+            if is_hole {
                 seams.holes.push(p);
                 seams.behind.push(behind(&ring, scale) as f32);
             } else if shows_back {

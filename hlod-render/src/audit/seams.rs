@@ -178,7 +178,11 @@ pub fn audit_seams(
                 draw_layer(gpu, &mut renderer, &mut source, shot, options.size, 1)
             };
             let drawn = draw(&with_backs)?;
-            let culled = draw(&Shot { draw_backs: false, ..with_backs })?;
+            // Where no back is seen, the picture without backs is the same.
+            let culled = match drawn.layer.back.contains(&true) {
+                true => &draw(&Shot { draw_backs: false, ..with_backs })?,
+                false => &drawn,
+            };
             let open = draw(&Shot { draw_skirts: false, ..with_backs })?.layer;
 
             // What is coarser than τ may be off by more.
