@@ -81,7 +81,9 @@ impl Gpu {
             note(&of_errors, error.to_string());
         }));
         device.set_device_lost_callback(move |reason, why| {
-            note(&of_loss, format!("the device was lost ({reason:?}): {why}"));
+            // Drivers need not say why.
+            let why = if why.is_empty() { why } else { format!(": {why}") };
+            note(&of_loss, format!("its device was lost ({reason:?}){why}"));
         });
         let geometry_left = AtomicU64::new(u64::MAX);
         Ok(Gpu { device, queue, info, small_triangles, trouble, geometry_left })

@@ -176,6 +176,102 @@ fn the_window_measures_cuts_and_keeps_what_was_done() {
     assert!((value - between).abs() < 1e-9);
 }
 
+/// A minimised window and one of hardly any pixels have nothing to draw into. (No window of X is 0 × 0.)
+#[test]
+fn a_window_that_vanishes_comes_back() {
+    if let Some(why) = missing() {
+        return skip(&why);
+    }
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = ball(folder.path());
+    let display = Display::start();
+    let mut program = display.view(&file, folder.path(), &[]);
+    let window = display.window_of(&mut program);
+    display.xdotool(&["mousemove", "20", "580"]);
+    let first = display.settled(&mut program);
+    let [width, height] = [WIDTH, HEIGHT].map(|n| n.to_string());
+    let away: [&[&str]; 2] = [&["windowunmap", &window], &["windowsize", &window, "1", "1"]];
+    let back: [&[&str]; 2] = [&["windowmap", &window], &["windowsize", &window, &width, &height]];
+    for (away, back) in away.iter().zip(back) {
+        display.xdotool(away);
+        std::thread::sleep(Duration::from_secs(2));
+        assert!(differing(&first, &display.grab()) > MOVED, "{away:?} hid nothing");
+        display.xdotool(back);
+        assert_alike(&first, &display.settled(&mut program), "the picture before and after");
+    }
+    display.key(&window, "ctrl+q");
+    let status = wait(&mut program);
+    assert!(status.success(), "{status}");
+}
+
+/// What was done so far can be gone on with, and so it is when the next one is lost soon.
+#[test]
+fn a_lost_gpu_is_opened_again_in_the_window() {
+    if let Some(why) = missing() {
+        return skip(&why);
+    }
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = ball(folder.path());
+    let session = file.with_extension("hlod.session.json");
+    let measured = || load_session(&session).map_or(0, |session| session.measurements.len());
+    let display = Display::start();
+    let mut program = display.view(&file, folder.path(), &["--lose-gpu-after", "20"]);
+    let begin = Instant::now();
+    let window = display.window_of(&mut program);
+    display.xdotool(&["mousemove", "20", "580"]);
+    display.key(&window, "1");
+    let first = display.settled(&mut program);
+    display.key(&window, "m");
+    [(330, 260), (470, 330)].iter().for_each(|place| display.click(*place));
+    display.key(&window, "Escape");
+    display.xdotool(&["mousemove", "20", "580"]);
+    std::thread::sleep(Duration::from_secs(25).saturating_sub(begin.elapsed()));
+    let again = display.settled(&mut program);
+    // The measurement is drawn upon it, and the reason stands below.
+    let share = differing(&first, &again);
+    assert!(share > 0.0005 && share < 0.2, "{share} of the pixels differ");
+    display.key(&window, "ctrl+z");
+    display.until(&mut program, || (measured() == 0).then_some(()));
+    display.key(&window, "ctrl+q");
+    let status = wait(&mut program);
+    assert!(status.success(), "{status}");
+
+    // A device that is lost as soon as it is there is not opened for ever.
+    let mut program = display.view(&file, folder.path(), &["--lose-gpu-after", "3"]);
+    let status = wait(&mut program);
+    assert_eq!(status.code(), Some(1), "{status}");
+}
+
+/// The window cannot stay; what was done with it does.
+#[test]
+fn a_display_that_goes_away_takes_nothing_with_it() {
+    if let Some(why) = missing() {
+        return skip(&why);
+    }
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = ball(folder.path());
+    let mut display = Display::start();
+    let mut program = display.view(&file, folder.path(), &[]);
+    let window = display.window_of(&mut program);
+    display.settled(&mut program);
+    display.key(&window, "m");
+    [(330, 260), (470, 330)].iter().for_each(|place| display.click(*place));
+    let session = file.with_extension("hlod.session.json");
+    let measured = || load_session(&session).map_or(0, |session| session.measurements.len());
+    display.until(&mut program, || (measured() == 1).then_some(()));
+    display.server.kill().expect("the display can be ended");
+    let status = wait(&mut program);
+    assert!(!status.success(), "{status}");
+    assert_eq!(measured(), 1);
+
+    // And without one, it is said what is missing.
+    let mut command = Command::new(env!("CARGO_BIN_EXE_hlod-render"));
+    command.arg("view").arg(&file).env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY");
+    let output = command.output().expect("the program runs");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && said.contains("DISPLAY"), "{said}");
+}
+
 /// What this machine lacks, if anything.
 fn missing() -> Option<String> {
     for (tool, argument) in [("Xvfb", "-help"), ("xdotool", "version"), ("import", "-version")] {

@@ -54,6 +54,14 @@ pub enum Command {
     /// Open a window on a statue; F1 there shows what keys and the mouse do.
     #[cfg(feature = "viewer")]
     View(ViewArgs),
+    /// Says that this program has no window.
+    #[cfg(not(feature = "viewer"))]
+    #[command(hide = true, disable_help_flag = true)]
+    View {
+        /// Whatever follows.
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true, hide = true)]
+        rest: Vec<std::ffi::OsString>,
+    },
     /// Write a picture to a PNG or TIFF file, of any size, and to scale if that is asked for.
     Shot(ShotArgs),
     /// Lay out views at one scale on a page: front, left, back, right and top, as drawings are.
@@ -316,6 +324,9 @@ pub struct ViewArgs {
     /// Leave after so many seconds.
     #[arg(long, value_name = "SECS", value_parser = positive)]
     pub exit_after: Option<f64>,
+    /// Lose the GPU after so many seconds, once, as drivers do.
+    #[arg(long, value_name = "SECS", value_parser = positive, hide = true)]
+    pub lose_gpu_after: Option<f64>,
     /// Write what the window shows to a PNG when leaving.
     #[arg(long, value_name = "PNG")]
     pub screenshot: Option<PathBuf>,

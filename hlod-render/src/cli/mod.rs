@@ -32,6 +32,11 @@ pub fn run(cli: &Cli) -> Outcome {
     match &cli.command {
         #[cfg(feature = "viewer")]
         Command::View(args) => run_view(cli, args),
+        #[cfg(not(feature = "viewer"))]
+        Command::View { .. } => Err(hlod_render::RenderError::Usage(
+            "this program was built without its window: build it with --features viewer".into(),
+        )
+        .into()),
         Command::Shot(args) => figure::run_shot(cli, args),
         Command::Plate(args) => figure::run_plate(cli, args),
         Command::Turntable(args) => figure::run_turntable(cli, args),
@@ -63,6 +68,7 @@ fn run_view(cli: &Cli, args: &args::ViewArgs) -> Outcome {
         size: args.size,
         adapter: cli.adapter(),
         exit_after: args.exit_after.map(std::time::Duration::from_secs_f64),
+        lose_gpu_after: args.lose_gpu_after.map(std::time::Duration::from_secs_f64),
         screenshot: args.screenshot.clone(),
     })?;
     Ok(())

@@ -83,6 +83,8 @@ pub struct ViewOptions {
     pub adapter: AdapterChoice,
     /// Leave after this time (tests and demonstrations).
     pub exit_after: Option<Duration>,
+    /// Lose the GPU after this time, as drivers do (tests).
+    pub lose_gpu_after: Option<Duration>,
     /// Write what the window shows to this PNG when leaving.
     pub screenshot: Option<PathBuf>,
 }

@@ -98,7 +98,7 @@ impl Opening<'_> {
         let (screen, gpu) = self.screen(&window)?;
         gui.renew(&gpu, screen.format());
         let mut open = self.assemble(window, screen, gpu, gui, entry, preferences);
-        open.leave_at = leave_at;
+        (open.leave_at, open.lose_gpu_at) = (leave_at, None);
         if let Some(kept) = kept {
             self.show(&mut open, Statue::Kept(Box::new(kept)));
         }
@@ -177,6 +177,7 @@ impl Opening<'_> {
             gui_again: None,
             laid: None,
             leave_at: self.options.exit_after.map(|after| now + after),
+            lose_gpu_at: self.options.lose_gpu_after.map(|after| now + after),
             quit: false,
             begun: now,
         }

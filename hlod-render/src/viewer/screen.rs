@@ -113,7 +113,11 @@ impl Screen {
                         .create_surface(self.window.clone())
                         .map_err(|e| RenderError::Window(e.to_string()))?;
                 }
-                Current::Validation => return Err(gpu.error("the window's surface is invalid")),
+                Current::Validation => {
+                    // Of a device that is lost that is the reason to be said.
+                    gpu.check()?;
+                    return Err(gpu.error("the window's surface is invalid"));
+                }
             }
             self.surface.configure(&gpu.device, &self.config);
         }

@@ -87,6 +87,8 @@ pub struct Open {
     pub(super) gui_again: Option<Instant>,
     pub(super) laid: Option<Laid>,
     pub(super) leave_at: Option<Instant>,
+    /// When to lose the GPU, for tests.
+    pub(super) lose_gpu_at: Option<Instant>,
     pub(super) quit: bool,
     /// When the GPU was opened.
     pub(super) begun: Instant,
@@ -186,6 +188,10 @@ impl ApplicationHandler<Wake> for App {
         let Some(open) = &mut self.open else { return };
         let now = Instant::now();
         if !open.is_leaving(now) {
+            if open.lose_gpu_at.take_if(|at| now >= *at).is_some() {
+                open.gpu.device.destroy();
+                open.want_redraw();
+            }
             let wanted = open.entry.advance(open.stage.is_none());
             if let Some(file) = wanted {
                 let opening = Opening { event_loop, options: &self.options, proxy: &self.proxy };
@@ -425,7 +431,8 @@ impl Open {
             self.gui_again = None;
             self.window.request_redraw();
         }
-        match next.filter(|at| *at > now).into_iter().chain(self.leave_at).min() {
+        let timed = self.leave_at.into_iter().chain(self.lose_gpu_at);
+        match next.filter(|at| *at > now).into_iter().chain(timed).min() {
             Some(at) => ControlFlow::WaitUntil(at),
             None => ControlFlow::Wait,
         }

@@ -149,7 +149,7 @@ pub fn dialogs(ui: &Ui, entry: &mut Entry, has_statue: bool) {
     }
     // The page has its own place for it.
     if let Some(text) = entry.problem.clone() {
-        dialog("Not opened").show(ui, |ui| {
+        dialog("Please note").show(ui, |ui| {
             ui.set_max_width(WIDTH);
             ui.add(egui::Label::new(RichText::new(text).color(PROBLEM)).wrap());
             if ui.button("Close").clicked() {

@@ -83,6 +83,14 @@ pub struct Work {
     problems: Vec<String>,
 }
 
+impl Drop for Work {
+    /// Where a window ends by an error, nobody closes it.
+    fn drop(&mut self) {
+        // The error that ends it is said already.
+        drop(self.close());
+    }
+}
+
 impl Work {
     /// Goes on with the session of a file, or begins one. `session` is where it is kept; where that is
     /// not said, it is found. What goes wrong becomes a problem to be shown, and nothing is
