@@ -75,7 +75,7 @@ impl ArenaSize {
     /// Smaller, where two would not fit into so many bytes; but never so small that usual pages do
     /// not fit.
     pub(crate) fn within(self, bytes: u64) -> ArenaSize {
-        const VERTICES_LEAST: u32 = 1 << 18;
+        const VERTICES_LEAST: u32 = 1 << 17;
         let share = (bytes as f64 / 2.0 / self.bytes() as f64).min(1.0);
         let fit =
             |count: u32, least: u32| ((f64::from(count) * share) as u32).max(least.min(count));

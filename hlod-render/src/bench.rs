@@ -86,6 +86,8 @@ pub struct BenchReport {
     pub tau_ratio_mean: f64,
     /// Frames that drew something coarser than 2τ, after the path's first two seconds.
     pub frames_over_2tau: u32,
+    /// Frames that were drawn coarser than asked for because it did not fit into the GPU's memory.
+    pub frames_coarsened: u32,
     /// Bytes read while measuring.
     pub bytes_read: u64,
     /// Of pages that were drawn after they were read.
@@ -176,6 +178,7 @@ pub fn bench(
         frames_over_tau: 0,
         tau_ratio_mean: 0.0,
         frames_over_2tau: 0,
+        frames_coarsened: 0,
         bytes_read: 0,
         bytes_drawn: 0,
         resident_bytes_max: 0,
@@ -203,6 +206,7 @@ pub fn bench(
         report.frames_over_tau += u32::from(stats.tau_ratio_max > 1.0);
         let secs = f64::from(frame) / f64::from(options.frames) * path.duration_secs;
         report.frames_over_2tau += u32::from(secs > 2.0 && stats.tau_ratio_max > 2.0);
+        report.frames_coarsened += u32::from(stats.coarsening > 1.0);
         // A front that wants something and draws nothing leaves the picture empty.
         report.stalled_frames += u32::from(stats.nodes == 0 && stats.missing_parts > 0);
         report.resident_bytes_max = report.resident_bytes_max.max(models[0].resident_bytes());

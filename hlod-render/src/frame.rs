@@ -10,10 +10,11 @@ use crate::casters::{CasterView, Casting, select_casters};
 use crate::clip::check_clip;
 use crate::colour_map::bounds_shown;
 use crate::error::RenderError;
+use crate::fit::Fit;
 use crate::gpu::Gpu;
 use crate::lit::{Lit, LitPart};
 use crate::loader::{Part, PointPrefix};
-use crate::model::Model;
+use crate::model::{Model, Room};
 use crate::passes::{
     Drawn, DrawnPart, DrawnShadow, FaceUniforms, FrameUniform, PassSets, Range, Targets,
 };
@@ -28,7 +29,7 @@ use crate::traced::Tracer;
 use crate::uniform::{scalar, skirt, uniform};
 
 /// What a frame drew, for statistics and benchmark records.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrameStats {
     /// Triangles handed to the rasteriser.
     pub triangles: u64,
@@ -50,6 +51,28 @@ pub struct FrameStats {
     pub tau_ratio: f64,
     /// Largest ρ/τ of a drawn node.
     pub tau_ratio_max: f64,
+    /// How many times coarser than asked for everything is, so that it fits into the GPU's memory; 1 where it does as it
+    /// is, and in pictures that are to be complete.
+    pub coarsening: f64,
+}
+
+impl Default for FrameStats {
+    /// Of a frame that draws nothing.
+    fn default() -> Self {
+        FrameStats {
+            triangles: 0,
+            points: 0,
+            nodes: 0,
+            depths: 0,
+            caster_triangles: 0,
+            caster_nodes: 0,
+            missing_parts: 0,
+            missing_casters: 0,
+            tau_ratio: 0.0,
+            tau_ratio_max: 0.0,
+            coarsening: 1.0,
+        }
+    }
 }
 
 /// What a frame draws of each model.
@@ -71,6 +94,7 @@ struct Fronts {
 pub struct Renderer {
     passes: PassSets,
     prefetch: Prefetch,
+    fit: Fit,
     /// What rays are traced against, once any were, and what it was made of.
     tracer: Option<(Vec<std::path::PathBuf>, Tracer)>,
 }
@@ -78,7 +102,12 @@ pub struct Renderer {
 impl Renderer {
     /// Compiles the passes; `output` is the format of the pictures.
     pub fn new(gpu: &Gpu, output: wgpu::TextureFormat) -> Renderer {
-        Renderer { passes: PassSets::new(gpu, output), prefetch: Prefetch::default(), tracer: None }
+        Renderer {
+            passes: PassSets::new(gpu, output),
+            prefetch: Prefetch::default(),
+            fit: Fit::default(),
+            tracer: None,
+        }
     }
 
     /// Draws one frame with what is resident and asks for what is missing. Never waits.
@@ -92,11 +121,14 @@ impl Renderer {
         shot: &Shot,
         targets: &Targets,
     ) -> Result<FrameStats, RenderError> {
-        self.prefetch.plan(models, shot, targets.window().picture());
-        let fronts = update(gpu, models, shot, targets, Arrivals::AsTheyCome)?;
-        self.draw(gpu, models, &fronts, shot, targets)?;
+        let size = targets.window().picture();
+        let coarsening = self.fit.coarsening(models, shot, size);
+        let fitting = &shot.coarser(coarsening);
+        self.prefetch.plan(models, fitting, size);
+        let fronts = update(gpu, models, fitting, targets, Arrivals::AsTheyCome)?;
+        self.draw(gpu, models, &fronts, fitting, targets)?;
         let can_choose = self.passes.whole().can_choose_points(gpu, targets);
-        Ok(stats(models, &fronts, shot, targets, can_choose))
+        Ok(FrameStats { coarsening, ..stats(models, &fronts, shot, targets, can_choose) })
     }
 
     /// Draws one frame after loading everything it wants; the same picture every time.
@@ -408,7 +440,11 @@ fn update(
     for (m, model) in models.iter_mut().enumerate() {
         let mut view = View::of_shot(shot, model.world_from_model(), (width, height));
         match arrivals {
-            Arrivals::AsTheyCome => model.receive(gpu)?,
+            // Full resolution is drawn whatever it takes.
+            Arrivals::AsTheyCome => match shot.representation {
+                Representation::Full => model.receive(gpu, Room::AsNeeded)?,
+                _ => model.receive(gpu, Room::Budget)?,
+            },
             Arrivals::InOrder(_) => model.receive_in_order(gpu)?,
         }
         if let Some(survey) = survey {

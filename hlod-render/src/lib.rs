@@ -24,6 +24,7 @@ mod error;
 pub mod extents;
 pub mod figure;
 pub mod files;
+mod fit;
 pub mod frame;
 pub mod framing;
 mod gpu;

@@ -21,7 +21,9 @@ use crate::source::{Source, cache_folder};
 /// Limits under which a model is shown.
 #[derive(Debug, Clone, Copy)]
 pub struct ModelLimits {
-    /// Most bytes of geometry on the GPU; exceeded only by what one frame draws.
+    /// Most bytes of geometry on the GPU, but for a first buffer of up to 9 MB. Where a frame asks for more it is drawn
+    /// coarser; pictures that must be complete ([`crate::frame::Renderer::render_complete`]), and full resolution, take
+    /// more.
     pub gpu_bytes: u64,
     /// Most bytes of the file that are kept in memory as they were read.
     pub host_bytes: u64,
@@ -34,6 +36,18 @@ pub struct ModelLimits {
     /// Whether what servers send is kept on disk until next time.
     pub keep_on_disk: bool,
 }
+
+/// How much of the GPU's memory may be used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Room {
+    /// [`ModelLimits::gpu_bytes`].
+    Budget,
+    /// More, where what must be drawn does not fit.
+    AsNeeded,
+}
+
+/// After so many frames in which there was no room for it, a page is left out.
+const TRIES_MAX: u32 = 4;
 
 impl ModelLimits {
     /// What each of so many models may have, so that together they keep to these.
@@ -85,6 +99,8 @@ pub struct Model {
     problems: Vec<String>,
     /// Parts for which the GPU had no memory, until something makes room.
     unplaced: HashSet<u64>,
+    /// For how many frames pages have been waiting for room.
+    tries: HashMap<(u32, usize), u32>,
     /// What was read ahead in vain.
     refused: Refused,
     /// Why nothing comes at present.
@@ -145,6 +161,7 @@ impl Model {
             drawn_bytes: 0,
             damaged: HashSet::new(),
             unplaced: HashSet::new(),
+            tries: HashMap::new(),
             refused: Refused::default(),
             problems: Vec::new(),
             link_problem: None,
@@ -157,7 +174,7 @@ impl Model {
             let bytes = file.read_page(representation.page).map_err(&format)?;
             model.bytes_read += bytes.len() as u64;
             if let Loaded::Mesh(mesh) = decode(&part, &bytes, &model.header).map_err(&format)? {
-                model.upload(gpu, (0, i), &mesh)?;
+                model.upload(gpu, (0, i), &mesh, Room::AsNeeded)?;
             }
         }
         Ok(model)
@@ -232,6 +249,11 @@ impl Model {
         self.slots.values().map(|r| r.slot.bytes()).sum()
     }
 
+    /// Bytes of the GPU's buffers for it.
+    pub fn reserved_bytes(&self) -> u64 {
+        self.arenas.len() as u64 * self.arena_size.bytes()
+    }
+
     /// Whether anything is being read or waits for its copy to the GPU.
     pub fn is_loading(&self) -> bool {
         self.loader.in_flight() > 0 || !self.waiting.is_empty()
@@ -284,9 +306,9 @@ impl Model {
     ///
     /// # Errors
     /// When the GPU has no memory for what must be drawn.
-    pub fn receive(&mut self, gpu: &Gpu) -> Result<(), RenderError> {
+    pub(crate) fn receive(&mut self, gpu: &Gpu, room: Room) -> Result<(), RenderError> {
         self.take_completions();
-        self.upload_waiting(gpu, self.limits.upload_bytes_per_frame)
+        self.upload_waiting(gpu, self.limits.upload_bytes_per_frame, room)
     }
 
     /// The same for pictures that must come out the same every time: geometry is copied when all that was
@@ -302,7 +324,7 @@ impl Model {
         let nodes = self.skeleton.nodes();
         let place = |(node, r): (u32, usize)| nodes[node as usize].representations[r].page.offset;
         self.waiting.make_contiguous().sort_by_key(|(key, _)| place(*key));
-        self.upload_waiting(gpu, u64::MAX)
+        self.upload_waiting(gpu, u64::MAX, Room::AsNeeded)
     }
 
     fn take_completions(&mut self) {
@@ -336,21 +358,43 @@ impl Model {
         }
     }
 
-    fn upload_waiting(&mut self, gpu: &Gpu, most_bytes: u64) -> Result<(), RenderError> {
+    fn upload_waiting(
+        &mut self,
+        gpu: &Gpu,
+        most_bytes: u64,
+        room: Room,
+    ) -> Result<(), RenderError> {
         let mut copied = 0;
+        let mut again = Vec::new();
         while copied < most_bytes {
             let Some((key, mesh)) = self.waiting.pop_front() else { break };
             copied += (mesh.vertices.len() * 16 + mesh.indices.len() * 4) as u64;
-            if !self.slots.contains_key(&key) {
-                self.upload(gpu, key, &mesh)?;
+            if self.slots.contains_key(&key) || self.upload(gpu, key, &mesh, room)? {
+                self.tries.remove(&key);
+                continue;
+            }
+            // What the last frame drew and this one does not makes room in the next.
+            let tries = self.tries.entry(key).or_default();
+            *tries += 1;
+            if *tries < TRIES_MAX {
+                again.push((key, mesh));
+            } else {
+                self.tries.remove(&key);
+                self.unplaced.insert(page_ticket(key.0, key.1));
             }
         }
+        self.waiting.extend(again);
         Ok(())
     }
 
     /// Whether anything is to be loaded before it is wanted.
     pub(crate) fn reads_ahead(&self) -> bool {
         self.limits.prefetch
+    }
+
+    /// As it was opened, less what the GPU has no memory for.
+    pub(crate) fn limits(&self) -> &ModelLimits {
+        &self.limits
     }
 
     /// Bytes that may be planned for: some room is lost between pages.
@@ -407,9 +451,20 @@ impl Model {
         self.loader.submit(requests(&mut wanted, &self.plan, &self.skeleton, &has, &allows));
     }
 
+    /// Whether there is memory for another buffer.
+    pub(crate) fn may_grow(&self) -> bool {
+        (self.arenas.len() as u64 + 1) * self.arena_size.bytes() <= self.limits.gpu_bytes
+    }
+
     /// Finds room for a mesh: in an arena, in a new one within the budget, or where something is that
-    /// will be wanted later. What was read ahead and finds no room is dropped.
-    fn upload(&mut self, gpu: &Gpu, key: (u32, usize), mesh: &GpuMesh) -> Result<(), RenderError> {
+    /// will be wanted later. What was read ahead and finds no room is dropped; false where that was wanted now.
+    fn upload(
+        &mut self,
+        gpu: &Gpu,
+        key: (u32, usize),
+        mesh: &GpuMesh,
+        room: Room,
+    ) -> Result<bool, RenderError> {
         let for_secs = self.due.get(&key).copied().unwrap_or(-1.0);
         loop {
             for (i, arena) in self.arenas.iter_mut().enumerate() {
@@ -417,18 +472,19 @@ impl Model {
                     let resident = Resident { slot, last_used: self.frame, was_drawn: false };
                     self.slots.insert(key, resident);
                     self.refused.forget(key);
-                    return Ok(());
+                    return Ok(true);
                 }
             }
-            let arenas = self.arenas.len() as u64;
-            let within_budget = (arenas + 1) * self.arena_size.bytes() <= self.limits.gpu_bytes;
-            if arenas > 0 && !within_budget {
+            if !self.arenas.is_empty() && !self.may_grow() {
                 if self.evict_for(for_secs) {
                     continue;
                 }
                 if for_secs >= 0.0 {
                     self.refused.note(key, self.frame);
-                    return Ok(());
+                    return Ok(true);
+                }
+                if room == Room::Budget {
+                    return Ok(false);
                 }
             }
             let fits = mesh.vertices.len() as u32 <= self.arena_size.vertices
@@ -447,7 +503,7 @@ impl Model {
                     self.make_do();
                     if !self.evict_for(for_secs) {
                         self.unplaced.insert(page_ticket(key.0, key.1));
-                        return Ok(());
+                        return Ok(true);
                     }
                 }
             }

@@ -466,6 +466,15 @@ impl Shot {
         Shot { clip, shadow, ..*self }
     }
 
+    /// The same with levels that are so many times as coarse.
+    pub(crate) fn coarser(&self, factor: f64) -> Shot {
+        Shot {
+            error_threshold_px: self.error_threshold_px * factor,
+            caster_threshold_px: self.caster_threshold_px * factor,
+            ..*self
+        }
+    }
+
     /// For a picture of n × n samples a pixel: the pixels decide what is fine enough.
     pub fn finer(&self, n: u32) -> Shot {
         let n = f64::from(n);

@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 use hlod_compress::RepresentationKind;
 use hlod_render::casters::Casting;
+use hlod_render::frame::Renderer;
 use hlod_render::framing::Framing;
 use hlod_render::path::{CameraPath, Key};
-use hlod_render::picture::take;
-use hlod_render::scene::{INTENSITY_STEP, Light, Representation};
+use hlod_render::picture::{Canvas, PICTURE_FORMAT, take};
+use hlod_render::scene::{INTENSITY_STEP, Light, Representation, Shadow};
 use hlod_render::select::Selection;
 use hlod_render::simulate::{
     Policy, PolicyReport, SimulatedShadows, SimulationOptions, SimulationReport, simulate,
@@ -134,6 +135,56 @@ fn reading_casters_ahead_helps() {
         );
         assert!(ahead.0 < when_lacking.0 && ahead.1 < when_lacking.1, "{ahead:?} {when_lacking:?}");
     }
+}
+
+/// What moves keeps to the memory that it was given, and is as coarse as that takes; a picture is complete.
+#[test]
+fn the_budget_of_the_gpu_is_kept_by_drawing_coarser() {
+    let folder = tempfile::tempdir().unwrap();
+    let [ply, hlod] = ["ball.ply", "ball.hlod"].map(|f| folder.path().join(f));
+    std::fs::write(&ply, bumpy_ball(460)).unwrap();
+    built(&ply, &hlod, |o| o.resolution = 128);
+    let gpu = gpu();
+    let limits = ModelLimits { gpu_bytes: 9_000_000, ..ModelLimits::default() };
+    let mut models = [Model::open(&gpu, &hlod, limits).unwrap()];
+    let mut renderer = Renderer::new(&gpu, PICTURE_FORMAT);
+    let canvas = Canvas::new(&gpu, 160, 120).unwrap();
+    let framing = Framing::of(&models[0]);
+    // From the front and from behind, so that one makes room for the other; in the light, and with what casts shadows.
+    for (tau, shadow, side) in [
+        (0.02, Shadow::None, 1.0),
+        (0.02, Shadow::None, -1.0),
+        (0.05, Shadow::Hard, 1.0),
+        (1.0, Shadow::Hard, -1.0),
+    ] {
+        let mut view = shot(&framing, Representation::Hybrid);
+        view.camera = framing.fitting([0.3 * side, 0.2, side], 4.0 / 3.0, 40.0);
+        view.light = Light::Directional(DVec3::new(-1.0, 0.7, 0.7 * side));
+        (view.error_threshold_px, view.caster_threshold_px) = (tau, tau);
+        view.shadow = shadow;
+        let mut frames = 0;
+        let stats = loop {
+            let stats = renderer.render(&gpu, &mut models, &view, &canvas.targets).unwrap();
+            assert!(models[0].reserved_bytes() <= 9_000_000, "τ = {tau}, {shadow:?}, {side}");
+            frames += 1;
+            assert!(frames < 20_000, "it never came to rest: {stats:?}");
+            if frames > 3 && !models[0].is_loading() {
+                break stats;
+            }
+        };
+        println!("τ = {tau}, {shadow:?}, {side}: {frames} frames, {stats:?}");
+        assert_eq!(stats.missing_parts, 0, "τ = {tau}, {shadow:?}, {side}");
+        assert_eq!(stats.coarsening > 1.0, tau < 0.5, "τ = {tau}, {shadow:?}, {side}: {stats:?}");
+        assert!(stats.tau_ratio_max <= stats.coarsening.max(1.0) + 1e-9, "{stats:?}");
+        // A level finer has up to four times as many, each of 35 bytes.
+        assert!(tau > 0.5 || 4 * 35 * stats.triangles > 7_000_000, "too coarse: {stats:?}");
+
+        let complete = renderer.render_complete(&gpu, &mut models, &view, &canvas.targets).unwrap();
+        assert!(complete.tau_ratio_max <= 1.0 && complete.coarsening == 1.0, "{complete:?}");
+        // Its memory is not given back.
+        models = [Model::open(&gpu, &hlod, limits).unwrap()];
+    }
+    assert!(models[0].take_problems().is_empty());
 }
 
 /// A budget with no room for all that may soon be wanted: who stands still does not read it over and over.

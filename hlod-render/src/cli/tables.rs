@@ -85,6 +85,7 @@ pub fn bench(r: &BenchReport) -> String {
         ("frames coarser than τ", r.frames_over_tau.to_string()),
         ("τ drawn ÷ τ", format!("{:.3}", r.tau_ratio_mean)),
         ("frames coarser than 2τ, after 2 s", r.frames_over_2tau.to_string()),
+        ("frames coarser for want of memory", r.frames_coarsened.to_string()),
         ("read", format!("{:.2} MB", r.bytes_read as f64 / 1e6)),
         ("… and drawn", format!("{:.2} MB", r.bytes_drawn as f64 / 1e6)),
         ("on the GPU, most", format!("{:.2} MB", r.resident_bytes_max as f64 / 1e6)),

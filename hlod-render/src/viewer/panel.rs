@@ -19,6 +19,15 @@ use crate::session::LightFrame;
 /// Width of the panel in points.
 const WIDTH: f32 = 250.0;
 
+/// Why τ is larger than was chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Raised {
+    /// To keep moving smoothly.
+    Moving,
+    /// What is in view does not fit into the GPU's memory otherwise.
+    Memory,
+}
+
 /// What the panel shows and cannot change.
 #[derive(Debug, Clone, Default)]
 pub struct Readings {
@@ -40,8 +49,8 @@ pub struct Readings {
     pub frames_per_sec: Option<f64>,
     /// τ of the last frame in pixels.
     pub error_threshold_px: f64,
-    /// Whether that is more than was chosen, to keep moving smoothly.
-    pub raised: bool,
+    /// Why that is more than was chosen.
+    pub raised: Option<Raised>,
     /// Whether something is being read.
     pub loading: bool,
     /// Why nothing comes from the server at present.
@@ -406,7 +415,11 @@ fn statistics(ui: &mut Ui, readings: &Readings) {
     let stats = &readings.stats;
     let number = |value: Option<f64>| value.map_or("–".to_owned(), |v| format!("{v:.1}"));
     let megabytes = |bytes: u64| format!("{:.1} MB", bytes as f64 / 1e6);
-    let raised = if readings.raised { " (moving)" } else { "" };
+    let raised = match readings.raised {
+        Some(Raised::Moving) => " (moving)",
+        Some(Raised::Memory) => " (no more memory)",
+        None => "",
+    };
     let missing = match (stats.missing_parts, readings.loading) {
         (0, false) => "none".to_owned(),
         (0, true) => "loading…".to_owned(),

@@ -12,7 +12,7 @@ use super::light::{PRESETS, Raking};
 use super::navigation::{Drag, Navigation};
 use super::other::Other;
 use super::pace::{FrameClock, Motion, TauController};
-use super::panel::Readings;
+use super::panel::{Raised, Readings};
 use super::recording::{Recording, save_new};
 use super::settings::Settings;
 use super::work::{Change, Work, desk::Wishes};
@@ -455,8 +455,12 @@ impl Stage {
             stats: self.stats,
             frame_ms: self.clock.last_ms(),
             frames_per_sec: self.clock.frames_per_sec(),
-            error_threshold_px: shown,
-            raised: shown > self.settings.error_threshold_px * 1.001,
+            error_threshold_px: shown * self.stats.coarsening,
+            raised: match shown > self.settings.error_threshold_px * 1.001 {
+                _ if self.stats.coarsening > 1.0 => Some(Raised::Memory),
+                true => Some(Raised::Moving),
+                false => None,
+            },
             loading: self.is_loading(),
             other: self.other.as_ref().map(|other| {
                 let moved = if other.is_moved { ", about its own middle" } else { "" };

@@ -1,0 +1,86 @@
+//! What fits into the GPU's memory: where a frame asks for more than its budget, τ and τ_c rise until it does not.
+//!
+//! What a front takes is known before any of it is read: the skeleton has errors and sizes. So how coarse a frame
+//! becomes depends on the view and the budget, not on what has come so far, and blocks of the skeleton that are not
+//! there yet can only make it coarser.
+
+use std::collections::HashSet;
+
+use crate::casters::select_casters;
+use crate::frame::{caster_view, selection, visible_boxes};
+use crate::model::Model;
+use crate::residency::page_bytes;
+use crate::scene::{Representation, Shot};
+use crate::select::{Front, View, select};
+
+/// A front may take so much of the budget: ancestors that are drawn meanwhile take some, and room is lost between pages.
+const SHARE: f64 = 0.75;
+/// τ rises by the fourth root of two.
+const STEPS_PER_OCTAVE: u32 = 4;
+/// And a thousand times at most.
+const STEPS_MAX: u32 = 10 * STEPS_PER_OCTAVE;
+
+/// By how much the last frame was coarser than was asked.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Fit {
+    steps: u32,
+}
+
+impl Fit {
+    /// What τ and τ_c are multiplied by, so that everything fits; 1 where it does without.
+    pub(crate) fn coarsening(&mut self, models: &[Model], shot: &Shot, size: (u32, u32)) -> f64 {
+        let has_room = models.iter().all(Model::may_grow);
+        if has_room || shot.representation == Representation::Full {
+            self.steps = 0;
+            return 1.0;
+        }
+        let fits = |steps: u32| {
+            let shot = shot.coarser(factor(steps));
+            let fronts = ideal_fronts(models, &shot, size);
+            models.iter().zip(fronts).all(|(model, fronts)| {
+                bytes(model, &fronts) as f64 <= SHARE * model.limits().gpu_bytes as f64
+            })
+        };
+        // From one frame to the next little changes.
+        while self.steps < STEPS_MAX && !fits(self.steps) {
+            self.steps += 1;
+        }
+        while self.steps > 0 && fits(self.steps - 1) {
+            self.steps -= 1;
+        }
+        factor(self.steps)
+    }
+}
+
+fn factor(steps: u32) -> f64 {
+    2f64.powf(f64::from(steps) / f64::from(STEPS_PER_OCTAVE))
+}
+
+/// For each model what is drawn, and what casts on that, once all of it is here.
+fn ideal_fronts(models: &[Model], shot: &Shot, size: (u32, u32)) -> Vec<[Front; 2]> {
+    let receivers = |model: &Model| {
+        let view = View::of_shot(shot, model.world_from_model(), size);
+        select(model.skeleton(), &view, selection(shot), &|_, _| true)
+    };
+    let receivers: Vec<Front> = models.iter().map(receivers).collect();
+    let boxes = if shot.shadow.is_cast() { visible_boxes(models, &receivers) } else { Vec::new() };
+    let casters = |model: &Model| match shot.shadow.is_cast() {
+        true => {
+            let view = caster_view(model, shot, size, &boxes);
+            select_casters(model.skeleton(), &view, &|_, _| true)
+        }
+        false => Front::default(),
+    };
+    models.iter().zip(receivers).map(|(model, front)| [front, casters(model)]).collect()
+}
+
+/// Bytes on the GPU of all pages of some fronts, each counted once.
+fn bytes(model: &Model, fronts: &[Front]) -> u64 {
+    let pages: HashSet<(u32, usize)> = fronts
+        .iter()
+        .flat_map(|front| &front.draws)
+        .map(|draw| (draw.node, draw.representation))
+        .collect();
+    let nodes = model.skeleton().nodes();
+    pages.iter().map(|&(node, r)| page_bytes(&nodes[node as usize], r)).sum()
+}
