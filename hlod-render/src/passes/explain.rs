@@ -6,7 +6,7 @@ use glam::Vec3;
 use hlod_compress::RepresentationKind;
 use hlod_compress::srgb::linear_from_srgb;
 
-use super::{buffer, entry, write_growing};
+use super::resources::{buffer, entry, write_growing};
 use crate::colour_map::bound_colour;
 use crate::gpu::Gpu;
 use crate::scene::Paint;

@@ -3,12 +3,12 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec2};
 
+use super::resources::{
+    buffer, compute_pipelines, constants, entry, storage_entry, with, write_growing,
+};
 use super::shadow::LightFace;
 use super::targets::DEPTH_FORMAT;
-use super::{
-    Range, Rectangle, Targets, buffer, compute_pipelines, constants, entry, storage_entry, with,
-    write_growing,
-};
+use super::{Range, Rectangle, Targets};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::shadow_map::{MapCount, MapProjection, ShadowMap, TEXEL_MAX_PX};

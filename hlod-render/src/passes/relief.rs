@@ -1,8 +1,8 @@
 //! Shading that looks at how the surface bends: the directions of all visible points first, into a texture, so that
 //! each pixel can ask those round it, whichever model and arena they are of.
 
+use super::resources::{Constants, attachment};
 use super::targets::{RELIEF_FORMAT, Targets};
-use super::{Constants, attachment};
 use crate::gpu::Gpu;
 use crate::passes::Rectangle;
 

@@ -4,11 +4,9 @@ use bytemuck::{Pod, Zeroable};
 
 use super::chunks::Chunks;
 use super::map::{MapWork, ShadowMaps};
+use super::resources::{buffer, compute_pipelines, constants, entry, storage_entry, write_growing};
 use super::soft::{SoftShadows, SoftWork};
-use super::{
-    Hidden, Range, Rectangle, Targets, buffer, compute_pipelines, constants, entry, storage_entry,
-    write_growing,
-};
+use super::{Hidden, Range, Rectangle, Targets};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::traced::HIDDEN;

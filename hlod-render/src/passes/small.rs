@@ -4,10 +4,12 @@
 //! `large` draws; `resolve` then lays what `small` found over that, where it is nearer.
 
 use super::chunks::Chunks;
-use super::{
-    Constants, DEPTH_FORMAT, IDENTITY_FORMAT, Range, Targets, buffer, compute_pipelines, entry,
-    storage_entry, with, write_growing,
+use super::resources::{
+    Constants, buffer, compute_pipelines, entry, nearest, pipeline_layout, render_pipeline,
+    storage_entry, write_growing,
 };
+use super::targets::IDENTITY_FORMAT;
+use super::{Range, Targets};
 use crate::gpu::Gpu;
 
 /// Workgroups among which what is large is divided, and those among which its rows are.
@@ -66,53 +68,12 @@ impl SmallTriangles {
         // The list of triangles for `large`, the pixels' words for `resolve`.
         let list_layout =
             group_layout("list", &[storage_entry(0, wgpu::ShaderStages::VERTEX_FRAGMENT, true)]);
-        let pipeline_layout = |label, group: &wgpu::BindGroupLayout| {
-            device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: Some(label),
-                bind_group_layouts: &[Some(geometry_layout), Some(group)],
-                immediate_size: 0,
-            })
-        };
-        let module = |pass: hlod_shaders::Pass| {
-            device.create_shader_module(wgpu::ShaderModuleDescriptor {
-                label: Some(pass.name),
-                source: wgpu::ShaderSource::Wgsl(pass.source.into()),
-            })
-        };
         let groups = [Some(geometry_layout), Some(&compute_layout)];
         let [small] = compute_pipelines(gpu, &groups, hlod_shaders::SMALL, ["small"], constants);
         let [spread] = compute_pipelines(gpu, &groups, hlod_shaders::SPREAD, ["spread"], constants);
-        let list_pipeline_layout = pipeline_layout("list", &list_layout);
-        let render = |pass: hlod_shaders::Pass| {
-            let module = module(pass);
-            device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-                label: Some(pass.name),
-                layout: Some(&list_pipeline_layout),
-                vertex: wgpu::VertexState {
-                    module: &module,
-                    entry_point: Some(&format!("{}_vertex", pass.name)),
-                    compilation_options: with(constants),
-                    buffers: &[],
-                },
-                primitive: wgpu::PrimitiveState::default(),
-                depth_stencil: Some(wgpu::DepthStencilState {
-                    format: DEPTH_FORMAT,
-                    depth_write_enabled: Some(true),
-                    depth_compare: Some(wgpu::CompareFunction::Greater),
-                    stencil: Default::default(),
-                    bias: Default::default(),
-                }),
-                multisample: Default::default(),
-                fragment: Some(wgpu::FragmentState {
-                    module: &module,
-                    entry_point: Some(&format!("{}_fragment", pass.name)),
-                    compilation_options: with(constants),
-                    targets: &[Some(IDENTITY_FORMAT.into())],
-                }),
-                multiview_mask: None,
-                cache: None,
-            })
-        };
+        let layout = pipeline_layout(gpu, "list", &[Some(geometry_layout), Some(&list_layout)]);
+        let render =
+            |pass| render_pipeline(gpu, &layout, pass, None, IDENTITY_FORMAT, nearest(), constants);
         let usage = wgpu::BufferUsages::STORAGE;
         Some(SmallTriangles {
             small,

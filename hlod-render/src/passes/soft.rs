@@ -1,7 +1,8 @@
 //! Soft shadows: see `soften.wgsl`.
 
+use super::resources::{buffer, compute_pipelines, constants, entry, storage_entry};
 use super::shadow::{LightFace, Work, tiles_beyond};
-use super::{Rectangle, Targets, buffer, compute_pipelines, constants, entry, storage_entry};
+use super::{Rectangle, Targets};
 use crate::arena::Arena;
 use crate::error::RenderError;
 use crate::gpu::Gpu;

@@ -1,6 +1,6 @@
 //! What a frame is drawn into, and which part of a picture that is.
 
-use super::buffer;
+use super::resources::buffer;
 use crate::gpu::Gpu;
 
 /// A part of a picture, in pixels from its upper left corner.
