@@ -9,6 +9,7 @@ use super::{Source, draw};
 use crate::error::RenderError;
 use crate::frame::Renderer;
 use crate::gpu::Gpu;
+use crate::passes::check_shadows;
 use crate::picture::Canvas;
 use crate::scene::{Material, Shadow, Shot};
 use crate::shadow_map::MapCount;
@@ -121,7 +122,7 @@ pub(super) fn compare_shadows(
     let shot = &Shot { light_size: 0.0, ..*shot };
     let canvas = Canvas::new(gpu, size.0, size.1)?;
     let cosines = cosines(gpu, renderer, truth, shot, &canvas)?;
-    let drawn = hidden(gpu, renderer, drawn, shot, &canvas)?;
+    let drawn = hidden(gpu, renderer, drawn, shot, &canvas, 1)?;
     let maps = match shot.shadow {
         // Those of the last of the pictures.
         Shadow::Mapped(_) => renderer.map_count(gpu)?,
@@ -131,7 +132,7 @@ pub(super) fn compare_shadows(
     Ok(ShadowScores { maps, ..score(&drawn, &truth, &cosines, is_smooth) })
 }
 
-/// What is hidden from the light, at [`SUBPIXELS`] positions a pixel: as many pictures, each with its
+/// What is hidden from the light, at [`SUBPIXELS`] positions a pixel, by pictures of `n` × `n` samples a pixel: each has its
 /// samples elsewhere, so that the front and the casters are those of one frame.
 fn hidden(
     gpu: &Gpu,
@@ -139,20 +140,25 @@ fn hidden(
     source: &mut Source<'_>,
     shot: &Shot,
     canvas: &Canvas,
+    n: u32,
 ) -> Result<Mask, RenderError> {
-    let n = SUBPIXELS as usize;
+    let shot = shot.finer(n);
+    let places = (SUBPIXELS / n) as usize;
     let (width, height) = (canvas.targets.width() as usize, canvas.targets.height() as usize);
-    let mut mask =
-        Mask { width: width * n, height: height * n, covered: vec![false; width * height * n * n] };
-    for j in 0..n {
-        for i in 0..n {
-            let place = |k: usize| (k as f64 + 0.5) / n as f64 - 0.5;
+    let mut mask = Mask {
+        width: width * places,
+        height: height * places,
+        covered: vec![false; width * height * places * places],
+    };
+    for j in 0..places {
+        for i in 0..places {
+            let place = |k: usize| (k as f64 + 0.5) / places as f64 - 0.5;
             let sample_offset_px = DVec2::new(place(i), place(j));
-            draw(gpu, renderer, source, &Shot { sample_offset_px, ..*shot }, canvas)?;
+            draw(gpu, renderer, source, &Shot { sample_offset_px, ..shot }, canvas)?;
             let occlusion = canvas.occlusion(gpu)?;
             let identities = canvas.identities(gpu)?;
             for (p, (&hidden, &identity)) in occlusion.iter().zip(&identities).enumerate() {
-                let (x, y) = (p % width * n + i, p / width * n + j);
+                let (x, y) = (p % width * places + i, p / width * places + j);
                 mask.covered[y * mask.width + x] = identity != 0 && hidden > 0;
             }
         }
@@ -160,8 +166,8 @@ fn hidden(
     Ok(mask)
 }
 
-/// What rays find hidden at the same positions: the reference is the same however large a picture is, so these are
-/// the pixels of a single large one.
+/// What rays find hidden at the same positions. The reference is the same however large a picture is, so these are as few
+/// as there is room for.
 fn truly_hidden(
     gpu: &Gpu,
     renderer: &mut Renderer,
@@ -169,13 +175,16 @@ fn truly_hidden(
     shot: &Shot,
     (width, height): (u32, u32),
 ) -> Result<Mask, RenderError> {
-    let canvas = Canvas::new(gpu, width * SUBPIXELS, height * SUBPIXELS)?;
-    let shot = Shot { shadow: Shadow::Traced, ..shot.finer(SUBPIXELS) };
-    draw(gpu, renderer, source, &shot, &canvas)?;
-    let (occlusion, identities) = (canvas.occlusion(gpu)?, canvas.identities(gpu)?);
-    let covered = occlusion.iter().zip(&identities).map(|(&hidden, &id)| id != 0 && hidden > 0);
-    let [width, height] = [width, height].map(|n| (n * SUBPIXELS) as usize);
-    Ok(Mask { width, height, covered: covered.collect() })
+    let traced = Shot { shadow: Shadow::Traced, ..*shot };
+    let mut n = SUBPIXELS;
+    let canvas = loop {
+        let canvas = Canvas::new(gpu, width * n, height * n)?;
+        match check_shadows(gpu, &canvas.targets) {
+            Err(_) if n > 1 => n /= 2,
+            result => break result.map(|()| canvas)?,
+        }
+    };
+    hidden(gpu, renderer, source, &traced, &canvas, n)
 }
 
 /// Cosine of the angle of incidence in each pixel.
