@@ -65,6 +65,7 @@ pub(crate) struct Extent {
     frames: u32,
     light_frames: u32,
     views: u32,
+    seam_views: u32,
 }
 
 const FULL: Extent = Extent {
@@ -74,6 +75,7 @@ const FULL: Extent = Extent {
     frames: 24,
     light_frames: 60,
     views: 6,
+    seam_views: 60,
 };
 
 const QUICK: Extent = Extent {
@@ -83,6 +85,7 @@ const QUICK: Extent = Extent {
     frames: 12,
     light_frames: 16,
     views: 1,
+    seam_views: 12,
 };
 
 /// A number that is asked for somewhere.
