@@ -4,7 +4,7 @@
 //! waits. [`SourceLoader`] is the implementation with threads, for files on disks and servers; others (a
 //! browser) need only these calls and [`decode`].
 
-use std::collections::HashSet;
+use std::collections::{HashSet, VecDeque};
 use std::sync::mpsc;
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
@@ -17,7 +17,7 @@ use hlod_compress::{
 
 use crate::edges::across;
 use crate::skirts::skirts;
-use crate::source::Source;
+use crate::source::{Extent, Source};
 
 /// What a request is for, as its submitter knows it.
 pub type Ticket = u64;
@@ -32,6 +32,15 @@ pub enum Part {
 }
 
 impl Part {
+    /// Where it is.
+    pub(crate) fn extent(&self) -> Extent {
+        let (what, offset, count) = match self {
+            Part::Block(b) => ("skeleton block", b.offset, b.block_bytes),
+            Part::Page(p, ..) => ("page", p.offset, p.page_bytes),
+        };
+        Extent { what, offset, count }
+    }
+
     /// Length in the file.
     pub fn file_bytes(&self) -> u64 {
         match self {
@@ -207,10 +216,51 @@ struct Shared {
 struct State {
     /// Most urgent last.
     wanted: Vec<(Ticket, Part)>,
+    /// Read, to be decoded by whoever is free.
+    read: VecDeque<Bytes>,
     /// Begun and not polled yet.
     begun: HashSet<Ticket>,
     closing: bool,
     bandwidth: Option<Bandwidth>,
+}
+
+/// A part as it is in the file, and how much of it was read just now.
+struct Bytes {
+    ticket: Ticket,
+    part: Part,
+    read: Result<(Vec<u8>, u64), FormatError>,
+}
+
+/// Parts that follow each other in the file, as children do, are read at once up to so many bytes: pages are some 10 KB,
+/// and a disk that is asked for 64 brings them nearly as fast.
+const RUN_BYTES_MAX: u64 = 64 << 10;
+/// Looked for among so many of the most urgent ones.
+const RUN_AMONG: usize = 32;
+
+/// Takes the most urgent part, and what can be read with it, in the file's order.
+fn take_run(wanted: &mut Vec<(Ticket, Part)>) -> Vec<(Ticket, Part)> {
+    let Some(first) = wanted.pop() else { return Vec::new() };
+    let (mut begin, mut end) = (first.1.extent().offset, first.1.extent().end());
+    let mut run = VecDeque::from([first]);
+    loop {
+        let from = wanted.len().saturating_sub(RUN_AMONG);
+        let joins = |(_, part): &(Ticket, Part)| {
+            let extent = part.extent();
+            let fits = end - begin + u64::from(extent.count) <= RUN_BYTES_MAX;
+            fits && (extent.offset == end || extent.end() == begin)
+        };
+        // The most urgent last.
+        let Some(i) = wanted[from..].iter().rposition(joins) else { return run.into() };
+        let next = wanted.remove(from + i);
+        let extent = next.1.extent();
+        if extent.offset == end {
+            end = extent.end();
+            run.push_back(next);
+        } else {
+            begin = extent.offset;
+            run.push_front(next);
+        }
+    }
 }
 
 /// A limit on reading, for measurements of slow disks and networks.
@@ -225,7 +275,13 @@ impl SourceLoader {
     pub fn new(source: Arc<Source>, bytes_per_sec: Option<f64>) -> SourceLoader {
         let bandwidth =
             bytes_per_sec.map(|bytes_per_sec| Bandwidth { bytes_per_sec, free_at: Instant::now() });
-        let state = State { wanted: Vec::new(), begun: HashSet::new(), closing: false, bandwidth };
+        let state = State {
+            wanted: Vec::new(),
+            read: VecDeque::new(),
+            begun: HashSet::new(),
+            closing: false,
+            bandwidth,
+        };
         let readers = source.readers();
         let shared = Arc::new(Shared { source, state: Mutex::new(state), wake: Condvar::new() });
         let (sender, completions) = mpsc::channel();
@@ -237,42 +293,63 @@ impl SourceLoader {
     }
 }
 
-fn work(shared: &Shared, completions: &mpsc::Sender<Completion>) {
-    loop {
-        // Take the most urgent part and its turn at the disk.
-        let Ok(mut state) = shared.state.lock() else { return };
-        let ((ticket, part), begin) = loop {
-            if state.closing {
-                return;
-            }
-            if let Some(next) = state.wanted.pop() {
-                let now = Instant::now();
-                let begin = state.bandwidth.as_mut().map_or(now, |limit| {
-                    let secs = next.1.file_bytes() as f64 / limit.bytes_per_sec;
-                    limit.free_at = limit.free_at.max(now) + Duration::from_secs_f64(secs);
-                    limit.free_at
-                });
-                break (next, begin);
-            }
-            let Ok(woken) = shared.wake.wait(state) else { return };
-            state = woken;
-        };
-        state.begun.insert(ticket);
-        drop(state);
-        std::thread::sleep(begin.saturating_duration_since(Instant::now()));
+/// What a thread has to do.
+enum Work {
+    Decode(Bytes),
+    /// At this time.
+    Read(Vec<(Ticket, Part)>, Instant),
+}
 
-        let (what, offset, count) = match &part {
-            Part::Block(b) => ("skeleton block", b.offset, b.block_bytes),
-            Part::Page(p, ..) => ("page", p.offset, p.page_bytes),
-        };
-        let read = shared.source.read(what, offset, count);
-        let bytes_read = read.as_ref().map_or(0, |(_, bytes_read)| *bytes_read);
-        let result = read.and_then(|(bytes, _)| {
-            let decoded = decode(&part, &bytes, shared.source.header());
-            decoded.inspect_err(|_| shared.source.forget(offset))
-        });
-        if completions.send(Completion { ticket, result, bytes_read }).is_err() {
-            return;
+/// Waits for work; `None` at the end.
+fn next_work(shared: &Shared) -> Option<Work> {
+    let mut state = shared.state.lock().ok()?;
+    loop {
+        if state.closing {
+            return None;
+        }
+        if let Some(bytes) = state.read.pop_front() {
+            return Some(Work::Decode(bytes));
+        }
+        let run = take_run(&mut state.wanted);
+        if !run.is_empty() {
+            state.begun.extend(run.iter().map(|(ticket, _)| *ticket));
+            let bytes: u64 = run.iter().map(|(_, part)| part.file_bytes()).sum();
+            let now = Instant::now();
+            // Its turn at the disk.
+            let begin = state.bandwidth.as_mut().map_or(now, |limit| {
+                let secs = bytes as f64 / limit.bytes_per_sec;
+                limit.free_at = limit.free_at.max(now) + Duration::from_secs_f64(secs);
+                limit.free_at
+            });
+            return Some(Work::Read(run, begin));
+        }
+        state = shared.wake.wait(state).ok()?;
+    }
+}
+
+fn work(shared: &Shared, completions: &mpsc::Sender<Completion>) {
+    while let Some(work) = next_work(shared) {
+        match work {
+            Work::Read(run, begin) => {
+                std::thread::sleep(begin.saturating_duration_since(Instant::now()));
+                let extents: Vec<Extent> = run.iter().map(|(_, part)| part.extent()).collect();
+                let read = shared.source.read_run(&extents);
+                let of = |((ticket, part), read)| Bytes { ticket, part, read };
+                let Ok(mut state) = shared.state.lock() else { return };
+                state.read.extend(run.into_iter().zip(read).map(of));
+                drop(state);
+                shared.wake.notify_all();
+            }
+            Work::Decode(Bytes { ticket, part, read }) => {
+                let bytes_read = read.as_ref().map_or(0, |(_, bytes_read)| *bytes_read);
+                let result = read.and_then(|(bytes, _)| {
+                    let decoded = decode(&part, &bytes, shared.source.header());
+                    decoded.inspect_err(|_| shared.source.forget(part.extent().offset))
+                });
+                if completions.send(Completion { ticket, result, bytes_read }).is_err() {
+                    return;
+                }
+            }
         }
     }
 }
@@ -308,5 +385,63 @@ impl Drop for SourceLoader {
             state.closing = true;
         }
         self.shared.wake.notify_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// A page that is read and nothing else.
+    fn page(offset: u64, page_bytes: u32) -> Part {
+        let page = PageRef { offset, page_bytes, crc32: 0 };
+        Part::Page(page, CellKey::ROOT, RepresentationKind::Appearance)
+    }
+
+    #[test]
+    fn what_follows_each_other_is_read_at_once() {
+        // The most urgent last.
+        let sizes = [(900, 50), (100, 100), (200, 300), (50, 50), (700, 1), (500, 200), (0, 50)];
+        let mut wanted: Vec<(Ticket, Part)> = (0..)
+            .zip(sizes)
+            .map(|(ticket, (offset, count))| (ticket, page(offset, count)))
+            .collect();
+        let mut tickets = || take_run(&mut wanted).iter().map(|(ticket, _)| *ticket).collect();
+        let runs: [Vec<Ticket>; 3] = [tickets(), tickets(), tickets()];
+        assert_eq!(runs, [vec![6, 3, 1, 2, 5, 4], vec![0], vec![]]);
+    }
+
+    proptest! {
+        /// Nothing is lost or read twice, runs follow each other without gaps, are no larger than they may be, and begin
+        /// with what is most urgent.
+        #[test]
+        fn runs_are_of_what_was_asked_for(
+            pages in prop::collection::vec((1u32..40_000, any::<bool>(), any::<u64>()), 1..80),
+        ) {
+            let mut offset = 0;
+            let mut parts: Vec<(u64, Part)> = Vec::new();
+            for (count, is_wanted, urgency) in pages {
+                if is_wanted {
+                    parts.push((urgency, page(offset, count)));
+                }
+                offset += u64::from(count);
+            }
+            parts.sort_by_key(|(urgency, _)| *urgency);
+            let mut wanted: Vec<(Ticket, Part)> =
+                (0..).zip(parts.iter().map(|(_, part)| *part)).collect();
+            let mut seen = HashSet::new();
+            while let Some((urgent, _)) = wanted.last().copied() {
+                let run = take_run(&mut wanted);
+                prop_assert!(run.iter().any(|(ticket, _)| *ticket == urgent));
+                prop_assert!(run.iter().all(|(ticket, _)| seen.insert(*ticket)));
+                let extents: Vec<Extent> = run.iter().map(|(_, part)| part.extent()).collect();
+                prop_assert!(extents.windows(2).all(|w| w[0].end() == w[1].offset));
+                let bytes: u64 = run.iter().map(|(_, part)| part.file_bytes()).sum();
+                prop_assert!(run.len() == 1 || bytes <= RUN_BYTES_MAX);
+            }
+            prop_assert_eq!(seen.len(), parts.len());
+        }
     }
 }

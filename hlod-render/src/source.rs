@@ -4,6 +4,7 @@
 //! server gives. What was read is kept in memory, and of servers on disk as well.
 
 use std::collections::{BTreeMap, HashMap};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -33,6 +34,21 @@ pub fn open_local(path: &Path) -> Result<HlodFile, RenderError> {
 pub struct Source {
     bytes: Bytes,
     kept: Mutex<Kept>,
+}
+
+/// Where a part is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Extent {
+    /// What it is, for messages.
+    pub(crate) what: &'static str,
+    pub(crate) offset: u64,
+    pub(crate) count: u32,
+}
+
+impl Extent {
+    pub(crate) fn end(&self) -> u64 {
+        self.offset.saturating_add(self.count.into())
+    }
 }
 
 enum Bytes {
@@ -89,17 +105,89 @@ impl Source {
         offset: u64,
         count: u32,
     ) -> Result<(Vec<u8>, u64), FormatError> {
-        if let Some(bytes) = self.kept.lock().ok().and_then(|mut kept| kept.get(offset, count)) {
+        if let Some(bytes) = self.kept(offset, count) {
             return Ok((bytes, 0));
         }
-        let bytes = match &self.bytes {
-            Bytes::Disk(file) => file.read_range(what, offset, count)?,
-            Bytes::Server(file) => file.read_range(what, offset, count)?,
-        };
-        if let Ok(mut kept) = self.kept.lock() {
-            kept.put(offset, &bytes);
-        }
+        let bytes = self.read_range(what, offset, count)?;
+        self.keep(offset, &bytes);
         Ok((bytes, u64::from(count)))
+    }
+
+    /// Reads parts that follow each other in the file, each as [`Source::read`] does, but what was not kept at once: many
+    /// small reads take longer, and of a server each is a question.
+    pub(crate) fn read_run(&self, run: &[Extent]) -> Vec<Result<(Vec<u8>, u64), FormatError>> {
+        debug_assert!(run.windows(2).all(|w| w[0].end() == w[1].offset));
+        let mut results = Vec::with_capacity(run.len());
+        let mut missing: Vec<Extent> = Vec::new();
+        for part in run {
+            match self.kept(part.offset, part.count) {
+                None => missing.push(*part),
+                Some(bytes) => {
+                    results.extend(self.read_missing(&std::mem::take(&mut missing)));
+                    results.push(Ok((bytes, 0)));
+                }
+            }
+        }
+        results.extend(self.read_missing(&missing));
+        results
+    }
+
+    fn read_missing(&self, run: &[Extent]) -> Vec<Result<(Vec<u8>, u64), FormatError>> {
+        let whole = run.iter().try_fold(0u32, |sum, part| sum.checked_add(part.count));
+        let (Some(whole), true) = (whole, run.len() > 1) else {
+            return run.iter().map(|part| self.read(part.what, part.offset, part.count)).collect();
+        };
+        match self.read_range(run[0].what, run[0].offset, whole) {
+            Ok(all) => {
+                let part = |part: &Extent| {
+                    let from = (part.offset - run[0].offset) as usize;
+                    let bytes = all[from..from + part.count as usize].to_vec();
+                    self.keep(part.offset, &bytes);
+                    Ok((bytes, u64::from(part.count)))
+                };
+                run.iter().map(part).collect()
+            }
+            // A link that is gone is gone for all of them.
+            Err(FormatError::Io(error)) if error.kind() == ErrorKind::NotConnected => {
+                let (kind, why) = (error.kind(), error.to_string());
+                let again = || FormatError::Io(std::io::Error::new(kind, why.clone()));
+                run.iter().map(|_| Err(again())).collect()
+            }
+            // What is wrong of one need not be of others.
+            Err(_) => {
+                run.iter().map(|part| self.read(part.what, part.offset, part.count)).collect()
+            }
+        }
+    }
+
+    fn read_range(
+        &self,
+        what: &'static str,
+        offset: u64,
+        count: u32,
+    ) -> Result<Vec<u8>, FormatError> {
+        match &self.bytes {
+            Bytes::Disk(file) => file.read_range(what, offset, count),
+            Bytes::Server(file) => file.read_range(what, offset, count),
+        }
+    }
+
+    /// What is in memory, or of a server on disk.
+    fn kept(&self, offset: u64, count: u32) -> Option<Vec<u8>> {
+        if let Some(bytes) = self.kept.lock().ok().and_then(|mut kept| kept.get(offset, count)) {
+            return Some(bytes);
+        }
+        let Bytes::Server(file) = &self.bytes else { return None };
+        file.kept(offset, count)
+    }
+
+    fn keep(&self, offset: u64, bytes: &[u8]) {
+        if let Ok(mut kept) = self.kept.lock() {
+            kept.put(offset, bytes);
+        }
+        if let Bytes::Server(file) = &self.bytes {
+            file.keep(offset, bytes);
+        }
     }
 
     /// Reads and checks a skeleton block.

@@ -70,6 +70,19 @@ impl HttpFile {
         &self.header
     }
 
+    /// What is on disk of it.
+    pub(super) fn kept(&self, offset: u64, count: u32) -> Option<Vec<u8>> {
+        self.cache.as_ref().and_then(|cache| cache.get(offset, count))
+    }
+
+    /// Keeps a part on disk.
+    pub(super) fn keep(&self, offset: u64, bytes: &[u8]) {
+        if let Some(cache) = &self.cache {
+            cache.put(offset, bytes);
+        }
+    }
+
+    /// Asks the server.
     pub(super) fn read_range(
         &self,
         what: &'static str,
@@ -80,18 +93,12 @@ impl HttpFile {
         if count == 0 {
             return Ok(Vec::new());
         }
-        if let Some(bytes) = self.cache.as_ref().and_then(|cache| cache.get(offset, count)) {
-            return Ok(bytes);
-        }
         let version = self.version.as_deref();
         let answer =
             with_retries(|| fetch(&self.agent, &self.address, offset, u64::from(count), version))?;
         if answer.bytes.len() != count as usize {
             let (found, wanted) = (answer.bytes.len(), count);
             return Err(lasting(format!("the server sent {found} of {wanted} bytes")));
-        }
-        if let Some(cache) = &self.cache {
-            cache.put(offset, &answer.bytes);
         }
         Ok(answer.bytes)
     }
