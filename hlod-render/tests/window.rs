@@ -35,51 +35,36 @@ const MOVED: f64 = 0.02;
 
 #[test]
 fn the_window_shows_the_statue_moves_returns_and_closes() {
-    if let Some(why) = missing() {
-        return skip(&why);
-    }
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let file = ball(folder.path());
-    let display = Display::start();
-    let mut program = display.view(&file, folder.path(), &[]);
-    let window = display.window_of(&mut program);
-    display.xdotool(&["mousemove", "20", "580"]);
-    let first = display.settled(&mut program);
+    let Some(mut v) = Viewing::begin(&[]) else { return };
+    let first = v.first.clone();
 
     // The statue's pixels are those of a picture taken without a window.
-    assert_alike(&first, &offscreen(&file), "the first picture and the one without a window");
+    assert_alike(&first, &offscreen(&v.file), "the first picture and the one without a window");
 
     // A drag with the left button turns; Home returns.
-    display.drag("1", (400, 300), (520, 240));
-    assert!(differing(&first, &display.settled(&mut program)) > MOVED, "the drag turned nothing");
-    display.key(&window, "Home");
-    assert_alike(
-        &first,
-        &display.settled(&mut program),
-        "the first picture and the one after Home",
-    );
+    v.display.drag("1", (400, 300), (520, 240));
+    assert!(differing(&first, &v.settled()) > MOVED, "the drag turned nothing");
+    v.key("Home");
+    assert_alike(&first, &v.settled(), "the first picture and the one after Home");
 
     // A drag with the right button moves; F shows everything again.
-    display.drag("3", (400, 300), (600, 420));
-    assert!(differing(&first, &display.settled(&mut program)) > MOVED, "the drag moved nothing");
-    display.key(&window, "f");
-    assert_alike(&first, &display.settled(&mut program), "the first picture and the one after F");
+    v.display.drag("3", (400, 300), (600, 420));
+    assert!(differing(&first, &v.settled()) > MOVED, "the drag moved nothing");
+    v.key("f");
+    assert_alike(&first, &v.settled(), "the first picture and the one after F");
 
     // The wheel approaches.
-    display.xdotool(&["mousemove", "400", "300", "click", "--repeat", "4", "4"]);
-    assert!(differing(&first, &display.settled(&mut program)) > MOVED, "the wheel did nothing");
+    v.display.xdotool(&["mousemove", "400", "300", "click", "--repeat", "4", "4"]);
+    assert!(differing(&first, &v.settled()) > MOVED, "the wheel did nothing");
 
     // R begins to record a path, R again writes it.
-    display.key(&window, "r");
-    display.drag("1", (400, 300), (300, 320));
-    display.key(&window, "r");
-    display.settled(&mut program);
-    let path = CameraPath::load(&folder.path().join("ball-path-001.json"));
+    v.key("r");
+    v.display.drag("1", (400, 300), (300, 320));
+    v.key("r");
+    v.settled();
+    let path = CameraPath::load(&v.folder.path().join("ball-path-001.json"));
     assert!(path.as_ref().is_ok_and(|path| path.keys.len() >= 2), "{path:?}");
-
-    display.key(&window, "ctrl+q");
-    let status = wait(&mut program);
-    assert!(status.success(), "{status}");
+    v.quit();
 }
 
 #[test]
@@ -103,39 +88,30 @@ fn the_window_takes_a_picture_of_itself_and_leaves() {
 /// three points that is dragged by its handle, undoing, and the session that it all becomes.
 #[test]
 fn the_window_measures_cuts_and_keeps_what_was_done() {
-    if let Some(why) = missing() {
-        return skip(&why);
-    }
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let file = ball(folder.path());
-    let display = Display::start();
-    let mut program = display.view(&file, folder.path(), &[]);
-    let window = display.window_of(&mut program);
-    display.xdotool(&["mousemove", "20", "580"]);
-    let first = display.settled(&mut program);
+    let Some(mut v) = Viewing::begin(&[]) else { return };
 
     // The front of the cube leads to the same view as its key.
-    display.key(&window, "1");
-    let front = display.settled(&mut program);
-    assert!(differing(&first, &front) > MOVED, "the front is another view");
-    display.key(&window, "Home");
-    display.settled(&mut program);
-    display.click((32, 49));
-    display.xdotool(&["mousemove", "20", "580"]);
-    assert_alike(&front, &display.settled(&mut program), "the front by its key and by the cube");
+    v.key("1");
+    let front = v.settled();
+    assert!(differing(&v.first, &front) > MOVED, "the front is another view");
+    v.key("Home");
+    v.settled();
+    v.display.click((32, 49));
+    v.display.away();
+    assert_alike(&front, &v.settled(), "the front by its key and by the cube");
 
     // A distance between two places, which are those that rays through the pixels meet.
     let places = [(330, 260), (470, 330)];
-    display.key(&window, "m");
-    places.iter().for_each(|place| display.click(*place));
+    v.key("m");
+    places.iter().for_each(|place| v.display.click(*place));
     // A plane through three, and its handle dragged to the right.
-    display.key(&window, "x");
-    [(400, 200), (420, 300), (400, 400)].iter().for_each(|place| display.click(*place));
-    display.settled(&mut program);
-    let session = file.with_extension("hlod.session.json");
+    v.key("x");
+    [(400, 200), (420, 300), (400, 400)].iter().for_each(|place| v.display.click(*place));
+    v.settled();
+    let session = v.session();
     let saved = || load_session(&session).expect("the session can be read");
-    let before = display.until(&mut program, || saved().sections.first().cloned());
-    let leaves = Leaves::open(&file).expect("the file opens");
+    let before = v.display.until(&mut v.program, || saved().sections.first().cloned());
+    let leaves = Leaves::open(&v.file).expect("the file opens");
     let framing = Framing::of_header(leaves.header());
     let aspect = f64::from(WIDTH) / f64::from(HEIGHT);
     let camera = framing.fitting(NAMED_VIEWS[0].1, aspect, FOV_Y_DEG);
@@ -143,8 +119,8 @@ fn the_window_measures_cuts_and_keeps_what_was_done() {
     let plane = before.plane();
     let handle = framing.centre - plane.normal * plane.distance(framing.centre);
     let handle = lens.pixel_of(handle).expect("it is before the eye").as_ivec2();
-    display.drag("1", (handle.x, handle.y), (handle.x + 60, handle.y));
-    let moved = display.until(&mut program, || {
+    v.display.drag("1", (handle.x, handle.y), (handle.x + 60, handle.y));
+    let moved = v.display.until(&mut v.program, || {
         saved().sections.first().filter(|section| section.offset != before.offset).cloned()
     });
     // The handle is where the hand went; perspective bends the way there a little.
@@ -154,13 +130,11 @@ fn the_window_measures_cuts_and_keeps_what_was_done() {
     assert_eq!(moved.normal, before.normal);
 
     // Undone it is where it was.
-    display.key(&window, "ctrl+z");
-    display.until(&mut program, || {
+    v.key("ctrl+z");
+    v.display.until(&mut v.program, || {
         saved().sections.first().filter(|section| section.offset == before.offset).cloned()
     });
-    display.key(&window, "ctrl+q");
-    let status = wait(&mut program);
-    assert!(status.success(), "{status}");
+    v.quit();
 
     let measured = saved().measurements.first().cloned().expect("it was measured");
     for (point, (x, y)) in measured.points.iter().zip(places) {
@@ -179,65 +153,49 @@ fn the_window_measures_cuts_and_keeps_what_was_done() {
 /// A minimised window and one of hardly any pixels have nothing to draw into. (No window of X is 0 × 0.)
 #[test]
 fn a_window_that_vanishes_comes_back() {
-    if let Some(why) = missing() {
-        return skip(&why);
-    }
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let file = ball(folder.path());
-    let display = Display::start();
-    let mut program = display.view(&file, folder.path(), &[]);
-    let window = display.window_of(&mut program);
-    display.xdotool(&["mousemove", "20", "580"]);
-    let first = display.settled(&mut program);
+    let Some(mut v) = Viewing::begin(&[]) else { return };
+    let window = v.window.clone();
     let [width, height] = [WIDTH, HEIGHT].map(|n| n.to_string());
     let away: [&[&str]; 2] = [&["windowunmap", &window], &["windowsize", &window, "1", "1"]];
     let back: [&[&str]; 2] = [&["windowmap", &window], &["windowsize", &window, &width, &height]];
     for (away, back) in away.iter().zip(back) {
-        display.xdotool(away);
+        v.display.xdotool(away);
         std::thread::sleep(Duration::from_secs(2));
-        assert!(differing(&first, &display.grab()) > MOVED, "{away:?} hid nothing");
-        display.xdotool(back);
-        assert_alike(&first, &display.settled(&mut program), "the picture before and after");
+        assert!(differing(&v.first, &v.display.grab()) > MOVED, "{away:?} hid nothing");
+        v.display.xdotool(back);
+        assert_alike(&v.settled(), &v.first, "the picture before and after");
     }
-    display.key(&window, "ctrl+q");
-    let status = wait(&mut program);
-    assert!(status.success(), "{status}");
+    v.quit();
 }
 
-/// What was done so far can be gone on with, and so it is when the next one is lost soon.
+/// What was done so far can be gone on with, but not for ever where the next one is lost soon.
 #[test]
 fn a_lost_gpu_is_opened_again_in_the_window() {
-    if let Some(why) = missing() {
-        return skip(&why);
-    }
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let file = ball(folder.path());
-    let session = file.with_extension("hlod.session.json");
-    let measured = || load_session(&session).map_or(0, |session| session.measurements.len());
-    let display = Display::start();
-    let mut program = display.view(&file, folder.path(), &["--lose-gpu-after", "20"]);
     let begin = Instant::now();
-    let window = display.window_of(&mut program);
-    display.xdotool(&["mousemove", "20", "580"]);
-    display.key(&window, "1");
-    let first = display.settled(&mut program);
-    display.key(&window, "m");
-    [(330, 260), (470, 330)].iter().for_each(|place| display.click(*place));
-    display.key(&window, "Escape");
-    display.xdotool(&["mousemove", "20", "580"]);
-    std::thread::sleep(Duration::from_secs(25).saturating_sub(begin.elapsed()));
-    let again = display.settled(&mut program);
-    // The measurement is drawn upon it, and the reason stands below.
-    let share = differing(&first, &again);
+    let Some(mut v) = Viewing::begin(&["--lose-gpu-after", "20"]) else { return };
+    v.key("1");
+    let front = v.settled();
+    v.key("m");
+    [(330, 260), (470, 330)].iter().for_each(|place| v.display.click(*place));
+    v.key("Escape");
+    v.display.away();
+    std::thread::sleep(Duration::from_secs(35).saturating_sub(begin.elapsed()));
+    let again = v.settled();
+    // The measurement is drawn upon it, and the reason stands before it.
+    let share = differing(&front, &again);
     assert!(share > 0.0005 && share < 0.2, "{share} of the pixels differ");
-    display.key(&window, "ctrl+z");
-    display.until(&mut program, || (measured() == 0).then_some(()));
-    display.key(&window, "ctrl+q");
-    let status = wait(&mut program);
-    assert!(status.success(), "{status}");
+    v.display.until(&mut v.program, || {
+        let session = load_session(&v.file.with_extension("hlod.session.json")).ok()?;
+        (session.measurements.len() == 1).then_some(())
+    });
+    v.key("ctrl+z");
+    let session = v.session();
+    v.display.until(&mut v.program, || {
+        load_session(&session).ok().filter(|session| session.measurements.is_empty())
+    });
+    v.quit();
 
-    // A device that is lost as soon as it is there is not opened for ever.
-    let mut program = display.view(&file, folder.path(), &["--lose-gpu-after", "3"]);
+    let mut program = v.display.view(&v.file, v.folder.path(), &["--lose-gpu-after", "3"]);
     let status = wait(&mut program);
     assert_eq!(status.code(), Some(1), "{status}");
 }
@@ -245,31 +203,75 @@ fn a_lost_gpu_is_opened_again_in_the_window() {
 /// The window cannot stay; what was done with it does.
 #[test]
 fn a_display_that_goes_away_takes_nothing_with_it() {
-    if let Some(why) = missing() {
-        return skip(&why);
-    }
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let file = ball(folder.path());
-    let mut display = Display::start();
-    let mut program = display.view(&file, folder.path(), &[]);
-    let window = display.window_of(&mut program);
-    display.settled(&mut program);
-    display.key(&window, "m");
-    [(330, 260), (470, 330)].iter().for_each(|place| display.click(*place));
-    let session = file.with_extension("hlod.session.json");
-    let measured = || load_session(&session).map_or(0, |session| session.measurements.len());
-    display.until(&mut program, || (measured() == 1).then_some(()));
-    display.server.kill().expect("the display can be ended");
-    let status = wait(&mut program);
+    let Some(mut v) = Viewing::begin(&[]) else { return };
+    v.key("m");
+    [(330, 260), (470, 330)].iter().for_each(|place| v.display.click(*place));
+    let session = v.session();
+    v.display.until(&mut v.program, || {
+        load_session(&session).ok().filter(|session| session.measurements.len() == 1)
+    });
+    v.display.server.kill().expect("the display can be ended");
+    let status = wait(&mut v.program);
     assert!(!status.success(), "{status}");
-    assert_eq!(measured(), 1);
+    assert_eq!(v.measurements(), 1);
 
     // And without one, it is said what is missing.
     let mut command = Command::new(env!("CARGO_BIN_EXE_hlod-render"));
-    command.arg("view").arg(&file).env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY");
+    command.arg("view").arg(&v.file).env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY");
     let output = command.output().expect("the program runs");
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(!output.status.success() && said.contains("DISPLAY"), "{said}");
+}
+
+/// The program with a window on a ball, on a display of its own.
+struct Viewing {
+    folder: tempfile::TempDir,
+    file: PathBuf,
+    display: Display,
+    program: Child,
+    window: String,
+    /// What it shows at first, with the cursor out of the way.
+    first: Picture,
+}
+
+impl Viewing {
+    /// `None` where this machine lacks something, which is said.
+    fn begin(more: &[&str]) -> Option<Viewing> {
+        if let Some(why) = missing() {
+            skip(&why);
+            return None;
+        }
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let file = ball(folder.path());
+        let display = Display::start();
+        let mut program = display.view(&file, folder.path(), more);
+        let window = display.window_of(&mut program);
+        display.away();
+        let first = display.settled(&mut program);
+        Some(Viewing { folder, file, display, program, window, first })
+    }
+
+    fn session(&self) -> PathBuf {
+        self.file.with_extension("hlod.session.json")
+    }
+
+    fn measurements(&self) -> usize {
+        load_session(&self.session()).map_or(0, |session| session.measurements.len())
+    }
+
+    fn key(&self, key: &str) {
+        self.display.key(&self.window, key);
+    }
+
+    fn settled(&mut self) -> Picture {
+        self.display.settled(&mut self.program)
+    }
+
+    fn quit(&mut self) {
+        self.key("ctrl+q");
+        let status = wait(&mut self.program);
+        assert!(status.success(), "{status}");
+    }
 }
 
 /// What this machine lacks, if anything.
@@ -495,6 +497,11 @@ impl Display {
     fn xdotool(&self, arguments: &[&str]) {
         let status = Command::new("xdotool").args(arguments).env("DISPLAY", &self.name).status();
         assert!(status.is_ok_and(|s| s.success()), "xdotool {arguments:?}");
+    }
+
+    /// The cursor where nothing is below it.
+    fn away(&self) {
+        self.xdotool(&["mousemove", "20", "580"]);
     }
 
     fn key(&self, window: &str, key: &str) {

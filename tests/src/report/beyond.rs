@@ -124,10 +124,13 @@ pub(super) fn pictures(
         };
         let views = extent.views;
         let plain = audit("shades", &format!("--views {views} --shadow none"), say)?;
-        let hard = audit("edges of shadows", &format!("--views {views} --shadow hard"), say)?;
+        // A quick report's pictures are small.
+        let size = if extent.quick { " --size 320x240" } else { "" };
+        let hard = format!("--views {views} --shadow hard{size}");
+        let hard = audit("edges of shadows", &hard, say)?;
         let options = format!("--seams --size 320x240 --views {}", extent.seam_views);
         let seams = audit("seams", &options, say)?;
-        let options = format!("--shadow soft --vary-light --light-size 0.05 --views {}", 2 * views);
+        let options = format!("--shadow soft --vary-light --light-size 0.05 --views {views}");
         let soft = audit("penumbrae", &format!("{options} --size 320x240"), say)?;
         let p999 = number(&plain, "appearance_distance_px.p999")?;
         let floor = number(&plain, "appearance_distance_px.floor_p999")?;
@@ -187,7 +190,8 @@ pub(super) fn shadow_maps(
          pixels dark or lit for no reason, and on how many a texel is longer than 0.35 px.",
         &["model", "way", "ms", "× none", "edge 15°", "edge 60°", "dark · lit", "texel too long"],
     );
-    for model in models.iter().filter(|model| model.triangles < 1e7) {
+    let is_taken = |model: &&Model| model.triangles < if extent.quick { LARGE / 2.0 } else { 1e7 };
+    for model in models.iter().filter(is_taken).filter(|model| model.is_statue || !extent.quick) {
         say(&format!("shadow maps: {}", model.name));
         let bench = |options: &str| {
             let line = Line::new("hlod-render").words("bench").with(&model.file).words("--path");
