@@ -222,6 +222,8 @@ struct State {
     begun: HashSet<Ticket>,
     closing: bool,
     bandwidth: Option<Bandwidth>,
+    /// What may be read at once.
+    run_bytes: u64,
 }
 
 /// A part as it is in the file, and how much of it was read just now.
@@ -234,11 +236,16 @@ struct Bytes {
 /// Parts that follow each other in the file, as children do, are read at once up to so many bytes: pages are some 10 KB,
 /// and a disk that is asked for 64 brings them nearly as fast.
 const RUN_BYTES_MAX: u64 = 64 << 10;
+/// Until it is known how fast a source is.
+const RUN_BYTES_FIRST: u64 = 16 << 10;
+/// No more than it brought lately within this time: over a slow link every part comes when it can, and what is asked for
+/// can still change.
+const RUN_SECS: f64 = 0.05;
 /// Looked for among so many of the most urgent ones.
 const RUN_AMONG: usize = 32;
 
 /// Takes the most urgent part, and what can be read with it, in the file's order.
-fn take_run(wanted: &mut Vec<(Ticket, Part)>) -> Vec<(Ticket, Part)> {
+fn take_run(wanted: &mut Vec<(Ticket, Part)>, most_bytes: u64) -> Vec<(Ticket, Part)> {
     let Some(first) = wanted.pop() else { return Vec::new() };
     let (mut begin, mut end) = (first.1.extent().offset, first.1.extent().end());
     let mut run = VecDeque::from([first]);
@@ -246,7 +253,7 @@ fn take_run(wanted: &mut Vec<(Ticket, Part)>) -> Vec<(Ticket, Part)> {
         let from = wanted.len().saturating_sub(RUN_AMONG);
         let joins = |(_, part): &(Ticket, Part)| {
             let extent = part.extent();
-            let fits = end - begin + u64::from(extent.count) <= RUN_BYTES_MAX;
+            let fits = end - begin + u64::from(extent.count) <= most_bytes;
             fits && (extent.offset == end || extent.end() == begin)
         };
         // The most urgent last.
@@ -281,6 +288,7 @@ impl SourceLoader {
             begun: HashSet::new(),
             closing: false,
             bandwidth,
+            run_bytes: RUN_BYTES_FIRST,
         };
         let readers = source.readers();
         let shared = Arc::new(Shared { source, state: Mutex::new(state), wake: Condvar::new() });
@@ -310,7 +318,8 @@ fn next_work(shared: &Shared) -> Option<Work> {
         if let Some(bytes) = state.read.pop_front() {
             return Some(Work::Decode(bytes));
         }
-        let run = take_run(&mut state.wanted);
+        let most_bytes = state.run_bytes;
+        let run = take_run(&mut state.wanted, most_bytes);
         if !run.is_empty() {
             state.begun.extend(run.iter().map(|(ticket, _)| *ticket));
             let bytes: u64 = run.iter().map(|(_, part)| part.file_bytes()).sum();
@@ -331,11 +340,17 @@ fn work(shared: &Shared, completions: &mpsc::Sender<Completion>) {
     while let Some(work) = next_work(shared) {
         match work {
             Work::Read(run, begin) => {
-                std::thread::sleep(begin.saturating_duration_since(Instant::now()));
+                let asked = Instant::now();
+                std::thread::sleep(begin.saturating_duration_since(asked));
                 let extents: Vec<Extent> = run.iter().map(|(_, part)| part.extent()).collect();
                 let read = shared.source.read_run(&extents);
                 let of = |((ticket, part), read)| Bytes { ticket, part, read };
+                let bytes: u64 = read.iter().flatten().map(|(_, bytes_read)| *bytes_read).sum();
                 let Ok(mut state) = shared.state.lock() else { return };
+                if bytes > 0 {
+                    let bytes_per_sec = bytes as f64 / asked.elapsed().as_secs_f64().max(1e-6);
+                    state.run_bytes = ((bytes_per_sec * RUN_SECS) as u64).min(RUN_BYTES_MAX);
+                }
                 state.read.extend(run.into_iter().zip(read).map(of));
                 drop(state);
                 shared.wake.notify_all();
@@ -408,7 +423,8 @@ mod tests {
             .zip(sizes)
             .map(|(ticket, (offset, count))| (ticket, page(offset, count)))
             .collect();
-        let mut tickets = || take_run(&mut wanted).iter().map(|(ticket, _)| *ticket).collect();
+        let mut tickets =
+            || take_run(&mut wanted, RUN_BYTES_MAX).iter().map(|(ticket, _)| *ticket).collect();
         let runs: [Vec<Ticket>; 3] = [tickets(), tickets(), tickets()];
         assert_eq!(runs, [vec![6, 3, 1, 2, 5, 4], vec![0], vec![]]);
     }
@@ -419,6 +435,7 @@ mod tests {
         #[test]
         fn runs_are_of_what_was_asked_for(
             pages in prop::collection::vec((1u32..40_000, any::<bool>(), any::<u64>()), 1..80),
+            most_bytes in 0..RUN_BYTES_MAX,
         ) {
             let mut offset = 0;
             let mut parts: Vec<(u64, Part)> = Vec::new();
@@ -433,13 +450,13 @@ mod tests {
                 (0..).zip(parts.iter().map(|(_, part)| *part)).collect();
             let mut seen = HashSet::new();
             while let Some((urgent, _)) = wanted.last().copied() {
-                let run = take_run(&mut wanted);
+                let run = take_run(&mut wanted, most_bytes);
                 prop_assert!(run.iter().any(|(ticket, _)| *ticket == urgent));
                 prop_assert!(run.iter().all(|(ticket, _)| seen.insert(*ticket)));
                 let extents: Vec<Extent> = run.iter().map(|(_, part)| part.extent()).collect();
                 prop_assert!(extents.windows(2).all(|w| w[0].end() == w[1].offset));
                 let bytes: u64 = run.iter().map(|(_, part)| part.file_bytes()).sum();
-                prop_assert!(run.len() == 1 || bytes <= RUN_BYTES_MAX);
+                prop_assert!(run.len() == 1 || bytes <= most_bytes);
             }
             prop_assert_eq!(seen.len(), parts.len());
         }
