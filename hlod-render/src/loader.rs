@@ -222,7 +222,7 @@ struct State {
     begun: HashSet<Ticket>,
     closing: bool,
     bandwidth: Option<Bandwidth>,
-    /// What may be read at once.
+    /// What may be read at once besides a single part.
     run_bytes: u64,
 }
 
@@ -233,11 +233,9 @@ struct Bytes {
     read: Result<(Vec<u8>, u64), FormatError>,
 }
 
-/// Parts that follow each other in the file, as children do, are read at once up to so many bytes: pages are some 10 KB,
-/// and a disk that is asked for 64 brings them nearly as fast.
+/// Of a server, parts that follow each other in the file, as children do, are asked for at once up to so many bytes: pages
+/// are some 10 KB. Disks bring them as fast one by one, and then both threads have some to decode.
 const RUN_BYTES_MAX: u64 = 64 << 10;
-/// Until it is known how fast a source is.
-const RUN_BYTES_FIRST: u64 = 16 << 10;
 /// No more than it brought lately within this time: over a slow link every part comes when it can, and what is asked for
 /// can still change.
 const RUN_SECS: f64 = 0.05;
@@ -288,7 +286,7 @@ impl SourceLoader {
             begun: HashSet::new(),
             closing: false,
             bandwidth,
-            run_bytes: RUN_BYTES_FIRST,
+            run_bytes: if source.is_remote() { RUN_BYTES_MAX } else { 0 },
         };
         let readers = source.readers();
         let shared = Arc::new(Shared { source, state: Mutex::new(state), wake: Condvar::new() });
@@ -347,7 +345,7 @@ fn work(shared: &Shared, completions: &mpsc::Sender<Completion>) {
                 let of = |((ticket, part), read)| Bytes { ticket, part, read };
                 let bytes: u64 = read.iter().flatten().map(|(_, bytes_read)| *bytes_read).sum();
                 let Ok(mut state) = shared.state.lock() else { return };
-                if bytes > 0 {
+                if bytes > 0 && shared.source.is_remote() {
                     let bytes_per_sec = bytes as f64 / asked.elapsed().as_secs_f64().max(1e-6);
                     state.run_bytes = ((bytes_per_sec * RUN_SECS) as u64).min(RUN_BYTES_MAX);
                 }

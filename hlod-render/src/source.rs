@@ -86,6 +86,11 @@ impl Source {
         }
     }
 
+    /// Whether it is on a server.
+    pub(crate) fn is_remote(&self) -> bool {
+        matches!(self.bytes, Bytes::Server(_))
+    }
+
     /// How many reads should be under way: on a server they wait for each other's answers.
     pub fn readers(&self) -> usize {
         match self.bytes {
@@ -113,8 +118,8 @@ impl Source {
         Ok((bytes, u64::from(count)))
     }
 
-    /// Reads parts that follow each other in the file, each as [`Source::read`] does, but what was not kept at once: many
-    /// small reads take longer, and of a server each is a question.
+    /// Reads parts that follow each other in the file, each as [`Source::read`] does, but what was not kept at once: of a
+    /// server each read is a question.
     pub(crate) fn read_run(&self, run: &[Extent]) -> Vec<Result<(Vec<u8>, u64), FormatError>> {
         debug_assert!(run.windows(2).all(|w| w[0].end() == w[1].offset));
         let mut results = Vec::with_capacity(run.len());
