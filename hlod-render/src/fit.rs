@@ -10,7 +10,7 @@ use crate::casters::select_casters;
 use crate::frame::{caster_view, selection, visible_boxes};
 use crate::model::Model;
 use crate::residency::page_bytes;
-use crate::scene::{Representation, Shot};
+use crate::scene::Shot;
 use crate::select::{Front, View, select};
 
 /// A front may take so much of the budget: ancestors that are drawn meanwhile take some, and room is lost between pages.
@@ -30,7 +30,7 @@ impl Fit {
     /// What τ and τ_c are multiplied by, so that everything fits; 1 where it does without.
     pub(crate) fn coarsening(&mut self, models: &[Model], shot: &Shot, size: (u32, u32)) -> f64 {
         let has_room = models.iter().all(Model::may_grow);
-        if has_room || shot.representation == Representation::Full {
+        if has_room || takes_what_it_needs(shot) {
             self.steps = 0;
             return 1.0;
         }
@@ -50,6 +50,11 @@ impl Fit {
         }
         factor(self.steps)
     }
+}
+
+/// Whether the leaves are asked for: there is no τ that could rise.
+pub(crate) fn takes_what_it_needs(shot: &Shot) -> bool {
+    selection(shot).error_threshold_px <= 0.0
 }
 
 fn factor(steps: u32) -> f64 {

@@ -10,7 +10,7 @@ use crate::casters::{CasterView, Casting, select_casters};
 use crate::clip::check_clip;
 use crate::colour_map::bounds_shown;
 use crate::error::RenderError;
-use crate::fit::Fit;
+use crate::fit::{Fit, takes_what_it_needs};
 use crate::gpu::Gpu;
 use crate::lit::{Lit, LitPart};
 use crate::loader::{Part, PointPrefix};
@@ -441,9 +441,9 @@ fn update(
         let mut view = View::of_shot(shot, model.world_from_model(), (width, height));
         match arrivals {
             // Full resolution is drawn whatever it takes.
-            Arrivals::AsTheyCome => match shot.representation {
-                Representation::Full => model.receive(gpu, Room::AsNeeded)?,
-                _ => model.receive(gpu, Room::Budget)?,
+            Arrivals::AsTheyCome => match takes_what_it_needs(shot) {
+                true => model.receive(gpu, Room::AsNeeded)?,
+                false => model.receive(gpu, Room::Budget)?,
             },
             Arrivals::InOrder(_) => model.receive_in_order(gpu)?,
         }

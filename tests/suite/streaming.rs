@@ -184,6 +184,19 @@ fn the_budget_of_the_gpu_is_kept_by_drawing_coarser() {
         // Its memory is not given back.
         models = [Model::open(&gpu, &hlod, limits).unwrap()];
     }
+    // All leaves, where no τ could rise.
+    let mut view = shot(&framing, Representation::Hybrid);
+    view.error_threshold_px = 0.0;
+    let mut frames = 0;
+    let stats = loop {
+        let stats = renderer.render(&gpu, &mut models, &view, &canvas.targets).unwrap();
+        frames += 1;
+        assert!(frames < 20_000, "it never came to rest: {stats:?}");
+        if frames > 3 && !models[0].is_loading() {
+            break stats;
+        }
+    };
+    assert_eq!((stats.missing_parts, stats.coarsening), (0, 1.0), "{stats:?}");
     assert!(models[0].take_problems().is_empty());
 }
 

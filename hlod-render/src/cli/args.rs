@@ -335,7 +335,7 @@ pub struct ViewArgs {
 #[derive(Args)]
 pub struct MemoryArgs {
     /// At most so much geometry is kept on the GPU, as in 512MiB or 2GB, but never less than 9 MB: what moves is drawn
-    /// coarser where it needs more; single pictures and full resolution take what they need.
+    /// coarser where it needs more; single pictures, full resolution and τ = 0 take what they need.
     #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = bytes)]
     pub gpu_memory: u64,
     /// At most so much of the file is kept in memory as it was read.
