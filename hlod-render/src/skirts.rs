@@ -12,6 +12,10 @@
 //! Where one border lies above the other its strip reaches past the other, so that no line of sight
 //! gets through; and a strip that goes only inwards moves no outline of a body that is thicker.
 //!
+//! Where several triangles have an edge that lies in a face, and none of them lies in the face itself, sheets lie on each
+//! other there, each with a border: beside them, in another depth, they may be apart. Each carries its strip, so that what
+//! is between them is covered from both.
+//!
 //! Components smaller than the node's budget e/R have no strips: they may vanish as a whole, and a
 //! strip would be larger than they are.
 //!
@@ -41,6 +45,16 @@ struct Edge {
     axis: u32,
 }
 
+/// The edges between two positions in a face, one for each triangle that has it.
+#[derive(Default)]
+struct Here {
+    first: Option<Edge>,
+    /// Mostly none.
+    others: Vec<Edge>,
+    /// Whether any of these triangles lies in the face.
+    goes_on: bool,
+}
+
 /// Three indices for each triangle of the strips along the borders of a cell's geometry; `budget` is
 /// e/R in lattice steps.
 pub(crate) fn skirts(mesh: &Mesh, cell: CellKey, lattice: &Lattice, budget: f64) -> Vec<u32> {
@@ -54,21 +68,29 @@ pub(crate) fn skirts(mesh: &Mesh, cell: CellKey, lattice: &Lattice, budget: f64)
     };
     let faces: Vec<u8> = mesh.positions.iter().map(|p| faces(*p)).collect();
     // By positions: vertices that differ in their normals alone do not part a surface.
-    let mut edges: HashMap<[[i32; 3]; 2], Option<Edge>> = HashMap::new();
+    let mut edges: HashMap<[[i32; 3]; 2], Here> = HashMap::new();
     for t in &mesh.triangles {
         for k in 0..3 {
-            let [a, b] = [t[k], t[(k + 1) % 3]];
+            let [a, b, c] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
             let common = faces[a as usize] & faces[b as usize];
             if common == 0 {
                 continue;
             }
             let [p, q] = [mesh.positions[a as usize], mesh.positions[b as usize]];
             let edge = Edge { vertices: [a, b], axis: common.trailing_zeros() % 3 };
-            // What two triangles share is no border.
-            edges.entry([p.min(q), p.max(q)]).and_modify(|e| *e = None).or_insert(Some(edge));
+            let goes_on = common & faces[c as usize] != 0;
+            let here = edges.entry([p.min(q), p.max(q)]).or_default();
+            here.goes_on |= goes_on;
+            match &here.first {
+                None => here.first = Some(edge),
+                Some(_) => here.others.push(edge),
+            }
         }
     }
-    let mut borders: Vec<Edge> = edges.into_values().flatten().collect();
+    // A surface that goes on within the face has no border there.
+    let borders = edges.into_values().filter(|here| here.others.is_empty() || !here.goes_on);
+    let mut borders: Vec<Edge> =
+        borders.flat_map(|here| here.first.into_iter().chain(here.others)).collect();
     if !borders.is_empty() {
         let is_small = small_components(mesh, budget);
         borders.retain(|edge| !is_small[edge.vertices[0] as usize]);
@@ -159,5 +181,24 @@ mod tests {
         };
         let expected = [of(0, 1, 1), of(1, 2, 0), of(3, 0, 0), corner(0), corner(1)].concat();
         assert_eq!(indices, expected);
+    }
+
+    #[test]
+    fn sheets_on_each_other_carry_a_strip_each() {
+        let lattice = Lattice::enclosing([0.0; 3], [64.0; 3], 1.0);
+        let cell = CellKey::ROOT.child(0);
+        // A fold whose two sheets meet in an edge of the face z = 0.
+        let corners = [[2, 3, 0], [9, 3, 0], [5, 3, 6], [5, 8, 6]];
+        let strips_of = |triangles: &[[u32; 3]], positions: &[[i32; 3]]| {
+            let normals = vec![OctNormal::encode([0.0, 1.0, 0.0]); positions.len()];
+            let (positions, triangles) = (positions.to_vec(), triangles.to_vec());
+            let mesh = Mesh { positions, normals, triangles, ..Mesh::default() };
+            skirts(&mesh, cell, &lattice, 0.0).len() / 6
+        };
+        assert_eq!(strips_of(&[[0, 1, 2]], &corners), 1);
+        assert_eq!(strips_of(&[[0, 1, 2], [1, 0, 3]], &corners), 2);
+        // The surface goes on within the face, and ends in it twice.
+        let corners = [[2, 3, 0], [9, 3, 0], [5, 3, 6], [5, 8, 0]];
+        assert_eq!(strips_of(&[[0, 1, 2], [1, 0, 3]], &corners), 2);
     }
 }
