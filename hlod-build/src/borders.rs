@@ -1,4 +1,6 @@
-//! Where the geometry of one cell ends: edges that only one triangle has.
+//! Where the geometry of one cell ends: edges that only one triangle has, and those on the cell's faces that several have
+//! while the surface does not go on within the face. There sheets lie on each other, which end on the face each for
+//! itself: the cell beside has what belongs to both, and need not have them on each other.
 
 use std::collections::HashMap;
 
@@ -21,7 +23,7 @@ impl Cube {
     }
 }
 
-/// An edge that only one triangle has, from corner `k` of it to corner `k + 1`.
+/// An edge in which a surface ends, from corner `k` of a triangle, the first that has it, to corner `k + 1`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct OpenEdge {
     pub(crate) triangle: u32,
@@ -66,10 +68,16 @@ impl Borders {
         }
         let undirected = |e: &OpenEdge| [e.ends[0].min(e.ends[1]), e.ends[0].max(e.ends[1])];
         edges.sort_unstable_by_key(|e| (undirected(e), e.triangle, e.k));
+        let common = |e: &OpenEdge| faces[e.ends[0] as usize] & faces[e.ends[1] as usize];
+        let is_in_face = |e: &OpenEdge| {
+            let third = mesh.triangles[e.triangle as usize][(usize::from(e.k) + 2) % 3];
+            common(e) & faces[position_of[third as usize] as usize] != 0
+        };
         let edges = edges
             .chunk_by(|a, b| undirected(a) == undirected(b))
             .filter_map(|same| match same {
                 [edge] => Some(*edge),
+                [edge, ..] if common(edge) != 0 && !same.iter().any(is_in_face) => Some(*edge),
                 _ => None,
             })
             .collect();
@@ -79,5 +87,37 @@ impl Borders {
     /// The faces of the cube that an edge lies on.
     pub(crate) fn faces_of(&self, edge: &OpenEdge) -> u8 {
         self.faces[edge.ends[0] as usize] & self.faces[edge.ends[1] as usize]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ends of the open edges of triangles in a cube of 10 steps.
+    fn open(triangles: &[[[i32; 3]; 3]]) -> Vec<[[i32; 3]; 2]> {
+        let positions: Vec<[i32; 3]> = triangles.as_flattened().to_vec();
+        let normals = vec![hlod_compress::OctNormal::encode([0.0, 0.0, 1.0]); positions.len()];
+        let triangles =
+            (0..triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        let mesh = Mesh { positions, normals, triangles, ..Mesh::default() };
+        let borders = Borders::of(&mesh, &Cube { min: [0; 3], units: 10 });
+        borders.edges.iter().map(|e| e.ends.map(|p| borders.positions[p as usize])).collect()
+    }
+
+    #[test]
+    fn sheets_on_each_other_end_on_a_face_and_what_goes_on_does_not() {
+        let (a, b, up, down) = ([2, 0, 3], [6, 0, 3], [4, 5, 5], [4, 5, 1]);
+        let on_face = [a, b];
+        assert!(open(&[[a, b, up]]).contains(&on_face));
+        // A fold that touches the face, and one sheet twice.
+        assert!(open(&[[a, b, up], [b, a, down]]).contains(&on_face));
+        assert_eq!(open(&[[a, b, up], [a, b, up]]), [on_face]);
+        // A surface that goes on in the face.
+        let in_face = [4, 0, 8];
+        assert!(!open(&[[a, b, up], [b, a, in_face]]).contains(&on_face));
+        // Well inside, what two triangles have is no border.
+        let [a, b, up, down] = [a, b, up, down].map(|[x, y, z]| [x, y + 2, z]);
+        assert!(!open(&[[a, b, up], [b, a, down]]).contains(&[a, b]));
     }
 }
