@@ -27,6 +27,9 @@ pub struct SoakOptions {
     pub cache_bytes: u64,
     /// The statue is closed and opened again after so many frames.
     pub frames_a_model: u32,
+    /// Before the session begins each kind of picture is drawn from so many places, so that drivers have made what they
+    /// keep, at its largest.
+    pub warm_up_places: u32,
     /// Seed of the path.
     pub seed: u64,
 }
@@ -52,8 +55,8 @@ pub struct SoakReport {
 }
 
 impl SoakReport {
-    /// By what share the process' resident memory grew from its second tenth, when everything was used
-    /// once, to the last.
+    /// By what share the process' resident memory grew from its second tenth, when the statue was opened again once,
+    /// to the last.
     pub fn resident_growth(&self) -> Option<f64> {
         growth(&self.resident_bytes)
     }
@@ -92,6 +95,10 @@ pub fn soak(
     let mut renderer = Renderer::new(gpu, PICTURE_FORMAT);
     let mut models = [Model::open(gpu, file, limits)?];
     let mut path = Wandering::new(Framing::of(&models[0]), options);
+    for shot in path.warm_up(options.warm_up_places) {
+        renderer.render(gpu, &mut models, &shot, &canvas.targets)?;
+        gpu.wait()?;
+    }
     let tenth = (options.frames / 10).max(1);
     let mut report = SoakReport {
         resident_bytes: Vec::new(),
@@ -178,6 +185,26 @@ impl Wandering {
         [self.framing.centre + direction * distance * height, target]
     }
 
+    /// Every kind of picture from so many places, a few frames each, in which parts arrive.
+    fn warm_up(&mut self, places: u32) -> Vec<Shot> {
+        const FRAMES: u32 = 4;
+        let kinds = [
+            (Shadow::None, None),
+            (Shadow::None, Some(0.0)),
+            (Shadow::Hard, None),
+            (Shadow::Soft, None),
+        ];
+        let mut shots = Vec::new();
+        for (shadow, cut) in kinds {
+            for _ in 0..places {
+                let [eye, target] = self.place();
+                let shot = Moment { eye, target, shadow, cut, light_turn_deg: self.unit() * 180.0 };
+                shots.extend((0..FRAMES).map(|_| shot.shot(&self.framing)));
+            }
+        }
+        shots
+    }
+
     fn next_shot(&mut self) -> Shot {
         if self.frame.is_multiple_of(90) {
             self.towards = self.place();
@@ -193,15 +220,34 @@ impl Wandering {
         self.frame += 1;
         self.eye = self.eye.lerp(self.towards[0], 0.03);
         self.target = self.target.lerp(self.towards[1], 0.03);
-        let camera = self.framing.camera(self.eye, self.target, FOV_Y_DEG);
+        let light_turn_deg = f64::from(self.frame % 360);
+        let Wandering { eye, target, shadow, cut, .. } = *self;
+        Moment { eye, target, shadow, cut, light_turn_deg }.shot(&self.framing)
+    }
+}
+
+/// What differs from frame to frame.
+#[derive(Clone, Copy)]
+struct Moment {
+    eye: DVec3,
+    target: DVec3,
+    shadow: Shadow,
+    /// A plane across the statue, at a share of its height from its middle.
+    cut: Option<f64>,
+    light_turn_deg: f64,
+}
+
+impl Moment {
+    fn shot(&self, framing: &Framing) -> Shot {
+        let camera = framing.camera(self.eye, self.target, FOV_Y_DEG);
         let planes = self.cut.map(|cut| {
-            let offset = self.framing.centre.y + cut * self.framing.height;
+            let offset = framing.centre.y + cut * framing.height;
             Some(Plane { normal: DVec3::Y, offset })
         });
         let is_soft = self.shadow == Shadow::Soft;
         Shot {
             camera,
-            light: light_from_angles(&camera, -45.0 + f64::from(self.frame % 360), 30.0),
+            light: light_from_angles(&camera, -45.0 + self.light_turn_deg, 30.0),
             spot: None,
             material: Material::default(),
             enhance: Default::default(),

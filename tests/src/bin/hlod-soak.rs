@@ -36,6 +36,7 @@ fn run() -> Result<bool, String> {
         size: (320, 200),
         cache_bytes: 16 << 20,
         frames_a_model: 3_000,
+        warm_up_places: 60,
         seed: 1,
     };
     let mut file = None;

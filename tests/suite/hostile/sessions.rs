@@ -14,6 +14,7 @@ fn a_session_leaves_no_descriptors_and_little_memory() {
         size: (96, 64),
         cache_bytes: 1 << 20,
         frames_a_model: 15,
+        warm_up_places: 2,
         seed: 3,
     };
     let report = soak(&gpu(), &hlod, &options, &mut |_, _| ()).unwrap();
