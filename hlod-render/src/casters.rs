@@ -52,6 +52,11 @@ pub struct Casting {
 }
 
 impl Casting {
+    /// Of casters that are so many times coarser.
+    pub(crate) fn coarser(&self, factor: f64) -> Casting {
+        Casting { threshold_px: self.threshold_px * factor, ..*self }
+    }
+
     /// Of a picture.
     pub fn of_shot(shot: &Shot) -> Casting {
         let full = shot.representation == Representation::Full;

@@ -11,10 +11,11 @@ use crate::frame::{caster_view, selection, visible_boxes};
 use crate::model::Model;
 use crate::residency::page_bytes;
 use crate::scene::Shot;
-use crate::select::{Front, View, select};
+use crate::select::{Front, Selection, View, select};
+use crate::skeleton::Skeleton;
 
-/// A front may take so much of the budget: ancestors that are drawn meanwhile take some, and room is lost between pages.
-const SHARE: f64 = 0.75;
+/// A front, with what must stay beside it, may take so much of the budget: room is lost between pages.
+const SHARE: f64 = 0.8;
 /// τ rises by the fourth root of two.
 const STEPS_PER_OCTAVE: u32 = 4;
 /// And a thousand times at most.
@@ -30,22 +31,30 @@ impl Fit {
     /// What τ and τ_c are multiplied by, so that everything fits; 1 where it does without.
     pub(crate) fn coarsening(&mut self, models: &[Model], shot: &Shot, size: (u32, u32)) -> f64 {
         let has_room = models.iter().all(Model::may_grow);
-        if has_room || takes_what_it_needs(shot) {
-            self.steps = 0;
-            return 1.0;
+        if has_room || takes_what_it_needs(selection(shot)) {
+            return self.rest();
         }
-        let fits = |steps: u32| {
-            let shot = shot.coarser(factor(steps));
-            let fronts = ideal_fronts(models, &shot, size);
-            models.iter().zip(fronts).all(|(model, fronts)| {
-                bytes(model, &fronts) as f64 <= SHARE * model.limits().gpu_bytes as f64
-            })
-        };
-        // From one frame to the next little changes.
-        while self.steps < STEPS_MAX && !fits(self.steps) {
+        self.least(&|factor| {
+            let fronts = ideal_fronts(models, &shot.coarser(factor), size);
+            models
+                .iter()
+                .zip(fronts)
+                .all(|(model, fronts)| fits(model.skeleton(), &fronts, model.limits().gpu_bytes))
+        })
+    }
+
+    /// There is room for everything.
+    pub(crate) fn rest(&mut self) -> f64 {
+        self.steps = 0;
+        1.0
+    }
+
+    /// The least factor with which it fits, found from the last one: from one frame to the next little changes.
+    pub(crate) fn least(&mut self, fits: &dyn Fn(f64) -> bool) -> f64 {
+        while self.steps < STEPS_MAX && !fits(factor(self.steps)) {
             self.steps += 1;
         }
-        while self.steps > 0 && fits(self.steps - 1) {
+        while self.steps > 0 && fits(factor(self.steps - 1)) {
             self.steps -= 1;
         }
         factor(self.steps)
@@ -53,8 +62,13 @@ impl Fit {
 }
 
 /// Whether the leaves are asked for: there is no τ that could rise.
-pub(crate) fn takes_what_it_needs(shot: &Shot) -> bool {
-    selection(shot).error_threshold_px <= 0.0
+pub(crate) fn takes_what_it_needs(selection: Selection) -> bool {
+    selection.error_threshold_px <= 0.0
+}
+
+/// Whether fronts of one model are within the share of a budget that they may take.
+pub(crate) fn fits(skeleton: &Skeleton, fronts: &[Front], budget_bytes: u64) -> bool {
+    bytes(skeleton, fronts) as f64 <= SHARE * budget_bytes as f64
 }
 
 fn factor(steps: u32) -> f64 {
@@ -80,12 +94,30 @@ fn ideal_fronts(models: &[Model], shot: &Shot, size: (u32, u32)) -> Vec<[Front; 
 }
 
 /// Bytes on the GPU of all pages of some fronts, each counted once.
-fn bytes(model: &Model, fronts: &[Front]) -> u64 {
-    let pages: HashSet<(u32, usize)> = fronts
-        .iter()
-        .flat_map(|front| &front.draws)
-        .map(|draw| (draw.node, draw.representation))
-        .collect();
-    let nodes = model.skeleton().nodes();
+fn bytes(skeleton: &Skeleton, fronts: &[Front]) -> u64 {
+    let drawn = fronts.iter().flat_map(|front| &front.draws);
+    let held = fronts.iter().flat_map(|front| &front.held);
+    let pages: HashSet<(u32, usize)> =
+        drawn.map(|draw| (draw.node, draw.representation)).chain(held.copied()).collect();
+    let nodes = skeleton.nodes();
     pages.iter().map(|&(node, r)| page_bytes(&nodes[node as usize], r)).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_least_factor_that_fits_is_found_from_anywhere() {
+        let mut fit = Fit::default();
+        for needed in [1.0, 1.5, 40.0, 2.0, 1.0, 900.0, 3.0] {
+            let found = fit.least(&|factor| factor >= needed);
+            let step = factor(1);
+            assert!(found >= needed && found < needed * step + 1e-9, "{found} for {needed}");
+        }
+        assert_eq!(fit.rest(), 1.0);
+        assert_eq!(fit.least(&|_| true), 1.0);
+        // What never fits ends at the largest.
+        assert_eq!(fit.least(&|_| false), factor(STEPS_MAX));
+    }
 }

@@ -441,7 +441,7 @@ fn update(
         let mut view = View::of_shot(shot, model.world_from_model(), (width, height));
         match arrivals {
             // Full resolution is drawn whatever it takes.
-            Arrivals::AsTheyCome => match takes_what_it_needs(shot) {
+            Arrivals::AsTheyCome => match takes_what_it_needs(selection) {
                 true => model.receive(gpu, Room::AsNeeded)?,
                 false => model.receive(gpu, Room::Budget)?,
             },

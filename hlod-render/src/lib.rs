@@ -1,7 +1,7 @@
 //! `.hlod` → pixels.
 //!
 //! ```text
-//! model     skeleton, resident geometry, requests (loader → arena)
+//! model     skeleton, resident geometry, requests (loader → arena); begins with model_file, the file and its root
 //!   │ select    which nodes are drawn
 //!   │ casters   and which cast shadows on them
 //!   │ passes    identity and depth, what is hidden from the light, shading
@@ -36,6 +36,7 @@ mod lit;
 pub mod loader;
 pub mod measure;
 mod model;
+mod model_file;
 pub mod need;
 pub mod passes;
 pub mod path;
@@ -63,3 +64,4 @@ pub mod viewer;
 pub use error::RenderError;
 pub use gpu::{AdapterChoice, Gpu};
 pub use model::{Model, ModelLimits};
+pub use model_file::ModelFile;

@@ -6,17 +6,18 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::{DMat4, DVec3};
-use hlod_compress::{CellKey, FormatError, Header, Metadata};
+use hlod_compress::{FormatError, Header, Metadata};
 
 use crate::arena::{Arena, ArenaSize, Slot};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
-use crate::loader::{Completion, GpuMesh, Loaded, Loader, SourceLoader, decode, model_origin};
+use crate::loader::{Completion, GpuMesh, Loaded, Loader, SourceLoader, model_origin};
+use crate::model_file::ModelFile;
 use crate::need::Plan;
 use crate::residency::{DueTimes, Refused, due_times, requests, victim};
 use crate::select::{Front, Wanted, page_ticket, parse_ticket};
 use crate::skeleton::{ChildLink, Skeleton};
-use crate::source::{Source, cache_folder};
+use crate::source::Source;
 
 /// Limits under which a model is shown.
 #[derive(Debug, Clone, Copy)]
@@ -25,7 +26,8 @@ pub struct ModelLimits {
     /// coarser; pictures that must be complete ([`crate::frame::Renderer::render_complete`]), and full resolution, take
     /// more.
     pub gpu_bytes: u64,
-    /// Most bytes of the file that are kept in memory as they were read.
+    /// Most bytes that the skeleton and what is kept of the file, as it was read, take in memory. Of the skeleton what
+    /// was seen once stays: 1 KB a node, of which a statue of 10⁸ triangles has some 20,000.
     pub host_bytes: u64,
     /// Most bytes copied to the GPU in one frame, so that none takes long.
     pub upload_bytes_per_frame: u64,
@@ -120,13 +122,17 @@ impl Model {
     /// # Errors
     /// When the file is not an `.hlod` file or its front part is damaged.
     pub fn open(gpu: &Gpu, path: &Path, limits: ModelLimits) -> Result<Model, RenderError> {
-        let format = RenderError::format(path);
-        let cache = limits.keep_on_disk.then(cache_folder).flatten();
-        let file = Arc::new(Source::open(path, limits.host_bytes, cache.as_deref())?);
-        let header = file.header().clone();
-        let root_block = file.read_block(header.root_block).map_err(&format)?;
-        let skeleton = Skeleton::new(header.lattice, &root_block);
-        let loader = SourceLoader::new(file.clone(), limits.read_bytes_per_sec);
+        Model::of_file(gpu, ModelFile::open(path, limits)?)
+    }
+
+    /// Shows a file that was opened before.
+    ///
+    /// # Errors
+    /// When the GPU has no room for its root.
+    pub fn of_file(gpu: &Gpu, file: ModelFile) -> Result<Model, RenderError> {
+        let ModelFile { path, source, skeleton, root, limits, bytes_read } = file;
+        let header = source.header().clone();
+        let loader = SourceLoader::new(source.clone(), limits.read_bytes_per_sec);
 
         // Arenas are no larger than the whole model needs.
         let nodes = skeleton.nodes().iter();
@@ -144,10 +150,10 @@ impl Model {
             .within(limits.gpu_bytes);
 
         let mut model = Model {
-            path: path.to_owned(),
+            path,
             world_from_model: DMat4::from_translation(model_origin(&header.lattice)),
             header,
-            source: file.clone(),
+            source,
             skeleton,
             limits,
             loader: Box::new(loader),
@@ -165,17 +171,10 @@ impl Model {
             refused: Refused::default(),
             problems: Vec::new(),
             link_problem: None,
-            bytes_read: 0,
+            bytes_read,
         };
-        let root = model.skeleton.nodes()[0].representations.clone();
-        for (i, representation) in root.iter().enumerate() {
-            let part =
-                crate::loader::Part::Page(representation.page, CellKey::ROOT, representation.kind);
-            let bytes = file.read_page(representation.page).map_err(&format)?;
-            model.bytes_read += bytes.len() as u64;
-            if let Loaded::Mesh(mesh) = decode(&part, &bytes, &model.header).map_err(&format)? {
-                model.upload(gpu, (0, i), &mesh, Room::AsNeeded)?;
-            }
+        for (i, mesh) in root.iter().enumerate() {
+            model.upload(gpu, (0, i), mesh, Room::AsNeeded)?;
         }
         Ok(model)
     }
@@ -329,6 +328,7 @@ impl Model {
 
     fn take_completions(&mut self) {
         self.frame += 1;
+        let mut skeleton_grew = false;
         for Completion { ticket, result, bytes_read } in self.loader.poll() {
             self.bytes_read += bytes_read;
             let (node, representation) = parse_ticket(ticket);
@@ -338,6 +338,7 @@ impl Model {
             match (result, representation) {
                 (Ok(Loaded::Block(block)), None) => {
                     self.skeleton.add_children(node, &block);
+                    skeleton_grew = true;
                 }
                 (Ok(Loaded::Mesh(mesh)), Some(r)) => self.waiting.push_back(((node, r), mesh)),
                 (Ok(_), _) => {}
@@ -355,6 +356,10 @@ impl Model {
                     }
                 }
             }
+        }
+        if skeleton_grew {
+            // It stays, so that less is kept of what was read.
+            self.source.reserve(self.skeleton.bytes());
         }
     }
 
@@ -447,7 +452,8 @@ impl Model {
             let is_hopeless = self.damaged.contains(&ticket) || self.unplaced.contains(&ticket);
             resident || waiting.contains(&ticket) || is_hopeless
         };
-        let allows = |page| self.refused.allows(page, self.frame);
+        let due_of = |page| self.due.get(&page).copied().unwrap_or(f64::INFINITY);
+        let allows = |page| self.refused.allows(page, due_of(page), self.frame);
         self.loader.submit(requests(&mut wanted, &self.plan, &self.skeleton, &has, &allows));
     }
 
@@ -480,7 +486,7 @@ impl Model {
                     continue;
                 }
                 if for_secs >= 0.0 {
-                    self.refused.note(key, self.frame);
+                    self.refused.note(key, for_secs, self.frame);
                     return Ok(true);
                 }
                 if room == Room::Budget {

@@ -299,6 +299,40 @@ impl Plan {
         self
     }
 
+    /// The same with the ancestors of each page, due when it is, as far as all of them fit: where a part comes late they
+    /// are drawn in its place. Those of a branch that comes into view are not there of themselves, and what stands in
+    /// for it would be an ancestor of all that is seen.
+    pub(crate) fn with_ancestors(
+        self,
+        kind: RepresentationKind,
+        skeleton: &Skeleton,
+        budget: Budget<'_>,
+    ) -> Plan {
+        let nodes = skeleton.nodes();
+        let (mut planned, mut left) = (HashSet::new(), budget.bytes);
+        let mut pages = Vec::with_capacity(self.pages.len());
+        'pages: for due in self.pages {
+            // From the page upwards, as far as there is anything new.
+            let mut chain = vec![due.what];
+            let mut node = due.what.0;
+            while node != 0 {
+                node = nodes[node as usize].parent;
+                let Some(r) = nodes[node as usize].representation(kind) else { break };
+                if planned.contains(&(node, r)) {
+                    break;
+                }
+                chain.push((node, r));
+            }
+            for what in chain.into_iter().rev().filter(|&what| planned.insert(what)) {
+                let size = (budget.bytes_of)(&nodes[what.0 as usize], what.1);
+                let Some(rest) = left.checked_sub(size) else { break 'pages };
+                left = rest;
+                pages.push(Due { secs: due.secs, what });
+            }
+        }
+        Plan { pages, blocks: self.blocks }
+    }
+
     /// The same, but all of it so much later.
     pub(crate) fn later_by(mut self, secs: f64) -> Plan {
         self.pages.iter_mut().for_each(|due| due.secs += secs);

@@ -17,18 +17,26 @@ pub type Page = (u32, usize);
 /// more only reads more that is never drawn (`hlod-render simulate`).
 pub const HORIZON_SECS: f64 = 0.1;
 
+/// The same where frames take so long. What is asked for in one frame is drawn in the next at the earliest, and plans
+/// are as old as a frame by then: what frames take longer than a thirtieth of a second counts twice.
+pub(crate) fn horizon_secs(frame_secs: f64) -> f64 {
+    let slower = (frame_secs - 1.0 / 30.0).clamp(0.0, 0.2);
+    HORIZON_SECS + 2.0 * slower
+}
+
 /// Casters are asked for as if they were due so much later than they are, and make room sooner: shadows that are
 /// too coarse show less than surfaces that are. Where a link has to choose between the two, asking for both
 /// alike leaves surfaces coarse, and does not even help shadows, which fall on these
 /// (`bench-paths/NOTES.md`, "Streaming").
 pub const CASTERS_LATER_SECS: f64 = 0.05;
 
-/// When pages will be wanted; what is not there is not expected.
+/// When pages will be wanted, no two at the same time; what is not there is not expected.
 pub type DueTimes = HashMap<Page, f64>;
 
-/// Due times of a plan's pages.
+/// Due times of a plan's pages. Of what is due at once the first of the plan comes first, by a billionth of a second.
 pub fn due_times(plan: &Plan) -> DueTimes {
-    plan.pages.iter().map(|due| (due.what, due.secs)).collect()
+    let ranked = plan.pages.iter().enumerate();
+    ranked.map(|(rank, due)| (due.what, due.secs + rank as f64 * 1e-9)).collect()
 }
 
 /// Bytes on the GPU that a page takes, about.
@@ -38,23 +46,33 @@ pub(crate) fn page_bytes(node: &Node, representation: usize) -> u64 {
 }
 
 /// Pages that were read ahead and found no room. At the edge of a budget they would be read again at once, and
-/// dropped again: they are not read ahead for a while, each time for twice as long. What frames want is
-/// asked for all the same.
+/// dropped again: they are not read ahead for a while, each time for twice as long, unless they become due much sooner,
+/// when they may find room. What frames want is asked for all the same.
 #[derive(Debug, Default)]
 pub(crate) struct Refused {
-    /// How often, and until which frame it is not asked for.
-    pages: HashMap<Page, (u32, u64)>,
+    pages: HashMap<Page, Refusal>,
+}
+
+#[derive(Debug)]
+struct Refusal {
+    times: u32,
+    until_frame: u64,
+    /// When the page was due.
+    due_secs: f64,
 }
 
 /// About a second.
 const REFUSED_FRAMES: u64 = 32;
+/// A page is due much sooner than before where it is due in so much of that time.
+const SOONER: f64 = 0.75;
 
 impl Refused {
-    /// A page found no room in a frame.
-    pub(crate) fn note(&mut self, page: Page, frame: u64) {
-        let (times, until) = self.pages.entry(page).or_insert((0, 0));
-        *until = frame + (REFUSED_FRAMES << (*times).min(5));
-        *times += 1;
+    /// A page that is due in so many seconds found no room in a frame.
+    pub(crate) fn note(&mut self, page: Page, due_secs: f64, frame: u64) {
+        let before = self.pages.remove(&page);
+        let times = before.filter(|r| !r.is_past(due_secs)).map_or(0, |r| r.times);
+        let until_frame = frame + (REFUSED_FRAMES << times.min(5));
+        self.pages.insert(page, Refusal { times: times + 1, until_frame, due_secs });
     }
 
     /// It found room.
@@ -62,9 +80,17 @@ impl Refused {
         self.pages.remove(&page);
     }
 
-    /// Whether it may be read ahead.
-    pub(crate) fn allows(&self, page: Page, frame: u64) -> bool {
-        self.pages.get(&page).is_none_or(|(_, until)| frame >= *until)
+    /// Whether it may be read ahead, being due in so many seconds.
+    pub(crate) fn allows(&self, page: Page, due_secs: f64, frame: u64) -> bool {
+        let refusal = self.pages.get(&page);
+        refusal.is_none_or(|r| frame >= r.until_frame || r.is_past(due_secs))
+    }
+}
+
+impl Refusal {
+    /// Whether it says nothing of a page that is due in so many seconds.
+    fn is_past(&self, due_secs: f64) -> bool {
+        due_secs < SOONER * self.due_secs
     }
 }
 
@@ -125,22 +151,43 @@ mod tests {
     #[test]
     fn what_found_no_room_is_not_read_ahead_for_longer_and_longer() {
         let mut refused = Refused::default();
-        assert!(refused.allows((1, 0), 0));
+        assert!(refused.allows((1, 0), 0.1, 0));
         let mut frame = 100;
         let mut waits = Vec::new();
         for _ in 0..8 {
-            refused.note((1, 0), frame);
+            refused.note((1, 0), 0.1, frame);
             let begin = frame;
-            while !refused.allows((1, 0), frame) {
+            while !refused.allows((1, 0), 0.1, frame) {
                 frame += 1;
             }
             waits.push(frame - begin);
         }
         assert_eq!(waits, [32, 64, 128, 256, 512, 1024, 1024, 1024]);
-        assert!(refused.allows((2, 0), 101), "others are");
-        refused.note((1, 0), frame);
+        assert!(refused.allows((2, 0), 0.1, 101), "others are");
+        refused.note((1, 0), 0.1, frame);
         refused.forget((1, 0));
-        assert!(refused.allows((1, 0), frame));
+        assert!(refused.allows((1, 0), 0.1, frame));
+    }
+
+    #[test]
+    fn what_becomes_due_much_sooner_may_find_room() {
+        let mut refused = Refused::default();
+        (0..5).for_each(|_| refused.note((1, 0), 0.1, 0));
+        assert!(!refused.allows((1, 0), 0.1, 1) && !refused.allows((1, 0), 0.08, 1));
+        assert!(refused.allows((1, 0), 0.07, 1));
+        // Refused again, it waits for as long as one that was never refused.
+        refused.note((1, 0), 0.07, 1);
+        assert!(!refused.allows((1, 0), 0.07, 32) && refused.allows((1, 0), 0.07, 33));
+    }
+
+    #[test]
+    fn what_is_due_at_once_keeps_the_plans_order() {
+        let page = |node| crate::need::Due { secs: 0.0, what: (node, 0) };
+        let plan = Plan { pages: vec![page(3), page(1), page(2)], ..Plan::default() };
+        let due = due_times(&plan);
+        assert!(due[&(3, 0)] < due[&(1, 0)] && due[&(1, 0)] < due[&(2, 0)]);
+        let resident = [((1, 0), 5), ((2, 0), 5)].into_iter();
+        assert_eq!(victim(resident, 10, &due, due[&(3, 0)]), Some((2, 0)));
     }
 
     #[test]

@@ -22,6 +22,13 @@ pub struct Selection {
     pub error_threshold_px: f64,
 }
 
+impl Selection {
+    /// Of what is so many times coarser.
+    pub(crate) fn coarser(&self, factor: f64) -> Selection {
+        Selection { error_threshold_px: self.error_threshold_px * factor, ..*self }
+    }
+}
+
 /// A camera, prepared for tests of boxes in one model's space.
 #[derive(Debug, Clone)]
 pub struct View {
@@ -199,8 +206,9 @@ pub struct Front {
     pub draws: Vec<Draw>,
     /// Parts to load.
     pub wanted: Vec<Wanted>,
-    /// Nodes that are resident and wanted, and will be drawn once others that are beside them are here. What made room of
-    /// them would be asked for again at once.
+    /// Nodes that are resident and must stay, though they are not drawn: those that will be once others that are beside
+    /// them are here, which would be asked for again at once; and ancestors of what is drawn, which stand in for it
+    /// where a part is lacking in the next frame. Without them all that is seen would be the root.
     pub held: Vec<(u32, usize)>,
     /// Nodes that would be drawn if everything were resident.
     pub ideal_nodes: usize,
@@ -364,6 +372,9 @@ impl Search<'_> {
             }
         };
         if complete {
+            if resident {
+                self.front.held.push((index, representation));
+            }
             return true;
         }
         let waiting = self.front.draws.drain(before..);

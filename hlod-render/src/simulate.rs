@@ -1,8 +1,8 @@
 //! What a policy of loading would have shown along a camera path: no GPU, and a link of known
 //! bandwidth and latency instead of a disk.
 //!
-//! The front ([`crate::select`]), what will be wanted ([`crate::need`]) and what is asked for and makes
-//! room ([`crate::residency`]) are those that draw pictures. Time passes in frames, decoding and
+//! The front ([`crate::select`]), what fits into memory (`fit.rs`), what will be wanted ([`crate::need`]) and what is
+//! asked for and makes room ([`crate::residency`]) are those that draw pictures. Time passes in frames, decoding and
 //! copying take none. With shadows what casts them is loaded as well, in light that turns round the statue
 //! or stays.
 
@@ -17,12 +17,15 @@ use crate::camera::Camera;
 use crate::casters::ahead::Outlook;
 use crate::casters::{CasterView, Casting, select_casters};
 use crate::error::RenderError;
+use crate::fit::{Fit, fits, takes_what_it_needs};
 use crate::framing::Framing;
 use crate::loader::{Part, Ticket, model_origin};
 use crate::need::{Budget, LightTracker, Need, Pace, PaceTracker, Plan};
 use crate::path::CameraPath;
 use crate::prefetch::{Shown, plans};
-use crate::residency::{DueTimes, Page, Refused, due_times, page_bytes, requests, victim};
+use crate::residency::{
+    DueTimes, Page, Refused, due_times, horizon_secs, page_bytes, requests, victim,
+};
 use crate::scene::Light;
 use crate::select::{Draw, Front, Selection, View, Wanted, corners, parse_ticket, select};
 use crate::skeleton::{ChildLink, Skeleton};
@@ -125,6 +128,10 @@ pub struct PolicyReport {
     pub frames_over_2tau: u32,
     /// Frames after the first two seconds.
     pub frames_after_start: u32,
+    /// Frames that were coarser because what was asked for does not fit into memory.
+    pub frames_coarsened: u32,
+    /// Most geometry that was kept, in bytes.
+    pub kept_bytes_max: u64,
     /// Read over the link, skeleton included.
     pub bytes_read: u64,
     /// Of pages that were drawn, or cast shadows, after they were read.
@@ -191,7 +198,7 @@ pub fn simulate(
         .map(|i| {
             let secs = (f64::from(i) / options.frames_per_sec).min(path.duration_secs);
             let casting = options.shadows.map(|shadows| shadows.at(secs, &framing));
-            Moment { camera: placed.camera_at(secs), casting }
+            Moment { camera: placed.camera_at(secs), selection: options.selection, casting }
         })
         .collect();
     let height = (framing.bounds.1 - framing.bounds.0).length();
@@ -232,11 +239,14 @@ struct Run<'a> {
     skeleton: Skeleton,
     kept: HashMap<Page, Kept>,
     kept_bytes: u64,
+    /// Here, but there was no room yet.
+    waiting: Vec<Page>,
     /// What is on its way, and when it arrives.
     coming: Vec<(f64, Ticket, Part)>,
     link_free_at: f64,
     due: DueTimes,
     refused: Refused,
+    fit: Fit,
     frame: u64,
     bytes_read: u64,
     bytes_drawn: u64,
@@ -266,10 +276,12 @@ impl<'a> Run<'a> {
             skeleton,
             kept: HashMap::new(),
             kept_bytes: 0,
+            waiting: Vec::new(),
             coming: Vec::new(),
             link_free_at: 0.0,
             due: DueTimes::new(),
             refused: Refused::default(),
+            fit: Fit::default(),
             frame: 0,
             bytes_read: header.front_bytes,
             bytes_drawn: 0,
@@ -291,6 +303,8 @@ impl<'a> Run<'a> {
             tau_ratio_mean: 0.0,
             frames_over_2tau: 0,
             frames_after_start: 0,
+            frames_coarsened: 0,
+            kept_bytes_max: 0,
             bytes_read: 0,
             bytes_drawn: 0,
             casters: self.options.shadows.map(|_| CasterReport::default()),
@@ -299,6 +313,10 @@ impl<'a> Run<'a> {
             let now = i as f64 / self.options.frames_per_sec;
             self.frame += 1;
             self.receive(now)?;
+            let coarsening = self.coarsening(moment);
+            report.frames_coarsened += u32::from(coarsening > 1.0);
+            let asked_casting = moment.casting;
+            let moment = &moment.coarser(coarsening);
             let fronts = self.fronts(moment, false);
             let plan = match self.policy {
                 Policy::Due | Policy::DueReceivers => {
@@ -313,6 +331,7 @@ impl<'a> Run<'a> {
             let later = match self.policy {
                 Policy::Extrapolate => {
                     let later = extrapolated(moments, i, self.options.frames_per_sec);
+                    let later = later.coarser(coarsening);
                     Some(self.fronts(&later, false))
                 }
                 _ => None,
@@ -321,6 +340,7 @@ impl<'a> Run<'a> {
             if self.policy == Policy::KeepNothing {
                 self.drop_all_but(&fronts, moment);
             }
+            report.kept_bytes_max = report.kept_bytes_max.max(self.kept_bytes);
             self.ask(now, &fronts, later.as_ref(), &plan);
 
             let tau = self.options.selection.error_threshold_px;
@@ -335,7 +355,7 @@ impl<'a> Run<'a> {
                 report.frames_over_2tau += u32::from(worst > 2.0);
             }
             if let (Some(of), Some(casting), Some(front)) =
-                (&mut report.casters, moment.casting, &fronts.casters)
+                (&mut report.casters, asked_casting, &fronts.casters)
             {
                 let (_, worst) = coarseness(front, casting.threshold_px);
                 of.missing_casters += front.wanted.len() as u64;
@@ -348,6 +368,24 @@ impl<'a> Run<'a> {
         Ok(report)
     }
 
+    /// By how much a frame is coarser than asked, so that it fits into memory.
+    fn coarsening(&mut self, moment: &Moment) -> f64 {
+        let budget_bytes = self.options.cache_bytes;
+        let mut fit = self.fit;
+        let fits_at = |factor: f64| {
+            let fronts = self.fronts(&moment.coarser(factor), true);
+            let fronts: Vec<Front> =
+                [Some(fronts.receivers), fronts.casters].into_iter().flatten().collect();
+            fits(&self.skeleton, &fronts, budget_bytes)
+        };
+        let factor = match takes_what_it_needs(moment.selection) {
+            true => fit.rest(),
+            false => fit.least(&fits_at),
+        };
+        self.fit = fit;
+        factor
+    }
+
     fn view(&self, camera: &Camera) -> View {
         let (width, height) = self.options.size;
         View::new(camera, self.world_from_model, width, height)
@@ -357,7 +395,7 @@ impl<'a> Run<'a> {
     fn fronts(&self, moment: &Moment, complete: bool) -> Fronts {
         let is_resident = |node, r| complete || self.kept.contains_key(&(node, r));
         let view = self.view(&moment.camera);
-        let receivers = select(&self.skeleton, &view, self.options.selection, &is_resident);
+        let receivers = select(&self.skeleton, &view, moment.selection, &is_resident);
         let casters = moment.casting.map(|casting| {
             let box_of = |draw: &Draw| {
                 let node = &self.skeleton.nodes()[draw.node as usize];
@@ -375,17 +413,19 @@ impl<'a> Run<'a> {
     /// What will be wanted soon, as the renderer finds it.
     fn plan(&self, moment: &Moment, pace: Pace, light_speed: f64) -> Plan {
         let view = self.view(&moment.camera);
+        let room_bytes = self.options.cache_bytes / 10 * 9;
         let shown = Shown {
             skeleton: &self.skeleton,
             world_from_model: self.world_from_model,
-            need: Need::new(&view, self.options.selection, pace),
-            budget: Budget { bytes: self.options.cache_bytes / 10 * 9, bytes_of: &page_bytes },
+            need: Need::new(&view, moment.selection, pace),
+            budget: Budget { bytes: room_bytes, bytes_of: &page_bytes },
         };
         let (camera, size) = (&moment.camera, self.options.size);
         let outlook = |casting| Outlook { casting, camera, size, pace, light_speed };
         let ahead = self.policy == Policy::Due;
+        let horizon = horizon_secs(1.0 / self.options.frames_per_sec);
         let outlook = moment.casting.filter(|_| ahead).map(outlook);
-        plans(&[shown], outlook.as_ref()).pop().unwrap_or_default()
+        plans(&[shown], outlook.as_ref(), horizon).pop().unwrap_or_default()
     }
 
     fn note_drawn(&mut self, fronts: &Fronts) {
@@ -427,7 +467,9 @@ impl<'a> Run<'a> {
         let on_its_way: HashSet<Ticket> = self.coming.iter().map(|c| c.1).collect();
         let has = |ticket: Ticket| {
             let here = match parse_ticket(ticket) {
-                (node, Some(r)) => self.kept.contains_key(&(node, r)),
+                (node, Some(r)) => {
+                    self.kept.contains_key(&(node, r)) || self.waiting.contains(&(node, r))
+                }
                 (node, None) => {
                     let link = self.skeleton.nodes()[node as usize].children;
                     !matches!(link, ChildLink::Unloaded(_))
@@ -435,7 +477,8 @@ impl<'a> Run<'a> {
             };
             here || on_its_way.contains(&ticket)
         };
-        let allows = |page| self.refused.allows(page, self.frame);
+        let due_of = |page| self.due.get(&page).copied().unwrap_or(f64::INFINITY);
+        let allows = |page| self.refused.allows(page, due_of(page), self.frame);
         let mut list = requests(&mut wanted, plan, &self.skeleton, &has, &allows);
         if let Some(later) = later {
             let mut wanted: Vec<&Wanted> = later.wanted().collect();
@@ -460,6 +503,7 @@ impl<'a> Run<'a> {
             std::mem::take(&mut self.coming).into_iter().partition(|c: &(f64, _, _)| c.0 <= now);
         self.coming = coming;
         let arrived: Vec<(f64, Ticket, Part)> = arrived;
+        std::mem::take(&mut self.waiting).into_iter().for_each(|page| self.keep(page));
         for (_, ticket, part) in arrived {
             self.bytes_read += part.file_bytes();
             match (part, parse_ticket(ticket)) {
@@ -485,9 +529,11 @@ impl<'a> Run<'a> {
                     let kept = self.kept.remove(&victim);
                     self.kept_bytes -= kept.map_or(0, |kept| kept.bytes);
                 }
-                None if for_secs >= 0.0 => return self.refused.note(page, self.frame),
-                // What is drawn has to be there.
-                None => break,
+                // There is always something to draw.
+                None if page.0 == 0 => break,
+                None if for_secs >= 0.0 => return self.refused.note(page, for_secs, self.frame),
+                // What this frame draws may make room in the next.
+                None => return self.waiting.push(page),
             }
         }
         self.kept_bytes += bytes;
@@ -503,7 +549,18 @@ impl<'a> Run<'a> {
 #[derive(Debug, Clone, Copy)]
 struct Moment {
     camera: Camera,
+    selection: Selection,
     casting: Option<Casting>,
+}
+
+impl Moment {
+    fn coarser(&self, factor: f64) -> Moment {
+        Moment {
+            selection: self.selection.coarser(factor),
+            casting: self.casting.map(|casting| casting.coarser(factor)),
+            ..*self
+        }
+    }
 }
 
 /// What a frame draws.
@@ -551,7 +608,7 @@ fn extrapolated(moments: &[Moment], frame: usize, frames_per_sec: f64) -> Moment
         };
         Casting { light, ..now }
     });
-    Moment { camera, casting }
+    Moment { camera, casting, ..*now }
 }
 
 /// Mean of max(1, ρ/τ) by size on screen, and the largest.

@@ -12,6 +12,8 @@ pub struct Node {
     pub cell: CellKey,
     /// Depth; 0 is the root.
     pub depth: u8,
+    /// Index of its parent; the root's is its own.
+    pub parent: u32,
     /// Lowest and highest corner of its cell.
     pub cell_box: [DVec3; 2],
     /// Lowest corner of its geometry.
@@ -89,6 +91,14 @@ impl Skeleton {
         &self.nodes
     }
 
+    /// Bytes in memory.
+    pub(crate) fn bytes(&self) -> u64 {
+        let representations: usize = self.nodes.iter().map(|n| n.representations.capacity()).sum();
+        let bytes = self.nodes.capacity() * size_of::<Node>()
+            + representations * size_of::<NodeRepresentation>();
+        bytes as u64
+    }
+
     /// Adds the block that holds the children of `parent`; a block that was added before is
     /// ignored.
     pub fn add_children(&mut self, parent: u32, block: &SkeletonBlock) {
@@ -99,13 +109,25 @@ impl Skeleton {
         let count = block.nodes.iter().take(8).take_while(|n| n.cell.depth() == depth).count();
         let first = self.append(block);
         self.nodes[parent as usize].children = ChildLink::Nodes { first, count: count as u32 };
+        self.be_parent(parent);
     }
 
     fn append(&mut self, block: &SkeletonBlock) -> u32 {
         let base = self.nodes.len() as u32;
         let nodes: Vec<Node> = block.nodes.iter().map(|n| self.node(n, base)).collect();
         self.nodes.extend(nodes);
+        for parent in base..self.nodes.len() as u32 {
+            self.be_parent(parent);
+        }
         base
+    }
+
+    /// Tells a node's children whose they are.
+    fn be_parent(&mut self, parent: u32) {
+        if let ChildLink::Nodes { first, count } = self.nodes[parent as usize].children {
+            let children = self.nodes.iter_mut().skip(first as usize).take(count as usize);
+            children.for_each(|child| child.parent = parent);
+        }
     }
 
     fn node(&self, record: &NodeRecord, base: u32) -> Node {
@@ -122,6 +144,7 @@ impl Skeleton {
             cell: record.cell,
             cell_box: [place(low), place(low.map(|c| c + units))],
             depth: record.cell.depth(),
+            parent: 0,
             min: place(record.bounds[0]),
             max: place(record.bounds[1]),
             cone,

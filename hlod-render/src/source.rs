@@ -33,6 +33,8 @@ pub fn open_local(path: &Path) -> Result<HlodFile, RenderError> {
 /// A file that parts are read from, by any number of threads.
 pub struct Source {
     bytes: Bytes,
+    /// Of a server's file, the first bytes, which came with its header: the root's block, and mostly the root.
+    front: Mutex<Vec<u8>>,
     kept: Mutex<Kept>,
 }
 
@@ -69,13 +71,21 @@ impl Source {
     /// When it cannot be read, is not an `.hlod` file, or the server gives no ranges.
     pub fn open(path: &Path, keep_bytes: u64, cache: Option<&Path>) -> Result<Source, RenderError> {
         let format = RenderError::format(path);
-        let bytes = match path.to_str() {
+        let (bytes, front) = match path.to_str() {
             Some(address) if is_address(path) => {
-                Bytes::Server(Box::new(HttpFile::open(address, cache).map_err(format)?))
+                let (file, front) = HttpFile::open(address, cache).map_err(format)?;
+                (Bytes::Server(Box::new(file)), front)
             }
-            _ => Bytes::Disk(Box::new(HlodFile::open(path).map_err(format)?)),
+            _ => (Bytes::Disk(Box::new(HlodFile::open(path).map_err(format)?)), Vec::new()),
         };
-        Ok(Source { bytes, kept: Mutex::new(Kept::new(keep_bytes)) })
+        Ok(Source { bytes, front: Mutex::new(front), kept: Mutex::new(Kept::new(keep_bytes)) })
+    }
+
+    /// So much of what may be kept is taken by what was made of the file otherwise.
+    pub(crate) fn reserve(&self, bytes: u64) {
+        if let Ok(mut kept) = self.kept.lock() {
+            kept.reserve(bytes);
+        }
     }
 
     /// The file's header.
@@ -177,13 +187,18 @@ impl Source {
         }
     }
 
-    /// What is in memory, or of a server on disk.
+    /// What is in memory, or of a server came first or is on disk.
     fn kept(&self, offset: u64, count: u32) -> Option<Vec<u8>> {
         if let Some(bytes) = self.kept.lock().ok().and_then(|mut kept| kept.get(offset, count)) {
             return Some(bytes);
         }
         let Bytes::Server(file) = &self.bytes else { return None };
-        file.kept(offset, count)
+        let of_front = |front: &Vec<u8>| {
+            let from = usize::try_from(offset).ok()?;
+            front.get(from..from.checked_add(count as usize)?).map(<[u8]>::to_vec)
+        };
+        let in_front = self.front.lock().ok().and_then(|front| of_front(&front));
+        in_front.or_else(|| file.kept(offset, count))
     }
 
     fn keep(&self, offset: u64, bytes: &[u8]) {
@@ -229,6 +244,11 @@ impl Source {
         if let Ok(mut kept) = self.kept.lock() {
             kept.remove(offset);
         }
+        if let Ok(mut front) = self.front.lock()
+            && offset < front.len() as u64
+        {
+            front.clear();
+        }
         if let Bytes::Server(file) = &self.bytes {
             file.forget(offset);
         }
@@ -238,6 +258,8 @@ impl Source {
 /// Parts of the file in memory, as they are in it; those used the longest ago make room.
 struct Kept {
     limit: u64,
+    /// Of the limit, taken otherwise.
+    reserved: u64,
     bytes: u64,
     /// By offset, with when they were used last.
     parts: HashMap<u64, (Vec<u8>, u64)>,
@@ -248,7 +270,7 @@ struct Kept {
 
 impl Kept {
     fn new(limit: u64) -> Kept {
-        Kept { limit, bytes: 0, parts: HashMap::new(), used: BTreeMap::new(), uses: 0 }
+        Kept { limit, reserved: 0, bytes: 0, parts: HashMap::new(), used: BTreeMap::new(), uses: 0 }
     }
 
     fn get(&mut self, offset: u64, count: u32) -> Option<Vec<u8>> {
@@ -262,20 +284,33 @@ impl Kept {
 
     fn put(&mut self, offset: u64, bytes: &[u8]) {
         let length = bytes.len() as u64;
-        if length > self.limit {
+        if length > self.room() {
             return;
         }
         self.remove(offset);
-        while self.bytes + length > self.limit {
+        self.shrink_to(self.room() - length);
+        self.uses += 1;
+        self.bytes += length;
+        self.parts.insert(offset, (bytes.to_vec(), self.uses));
+        self.used.insert(self.uses, offset);
+    }
+
+    fn room(&self) -> u64 {
+        self.limit.saturating_sub(self.reserved)
+    }
+
+    fn reserve(&mut self, bytes: u64) {
+        self.reserved = bytes;
+        self.shrink_to(self.room());
+    }
+
+    fn shrink_to(&mut self, most_bytes: u64) {
+        while self.bytes > most_bytes {
             let Some((_, oldest)) = self.used.pop_first() else { return };
             if let Some((bytes, _)) = self.parts.remove(&oldest) {
                 self.bytes -= bytes.len() as u64;
             }
         }
-        self.uses += 1;
-        self.bytes += length;
-        self.parts.insert(offset, (bytes.to_vec(), self.uses));
-        self.used.insert(self.uses, offset);
     }
 
     fn remove(&mut self, offset: u64) {
@@ -315,6 +350,14 @@ mod tests {
                 prop_assert!(sum <= 100 && sum as u64 == kept.bytes);
                 prop_assert_eq!(kept.used.len(), kept.parts.len());
             }
+            // What is made of the file takes its share, or more than there is.
+            for reserved in [60, 1000, 0] {
+                kept.reserve(reserved);
+                let sum: usize = kept.parts.values().map(|p| p.0.len()).sum();
+                prop_assert!(sum as u64 + reserved.min(100) <= 100 && sum as u64 == kept.bytes);
+            }
+            kept.put(7, &[7; 100]);
+            prop_assert_eq!(kept.get(7, 100), Some(vec![7; 100]));
         }
     }
 }

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use hlod_compress::{Children, HEADER_BYTES_MAX};
 use hlod_render::framing::Framing;
 use hlod_render::picture::{Canvas, PICTURE_FORMAT, take};
 use hlod_render::scene::Representation;
@@ -280,12 +281,23 @@ fn what_was_kept_is_not_asked_for_again() {
     let s = setting();
     let cache = s.folder.path().join("cache");
     let open = |keep_bytes| Source::open(&s.server.address, keep_bytes, Some(&cache)).unwrap();
+    // Two pages that do not come with the header.
     let all = |source: &Source| {
-        let block = source.read_block(source.header().root_block).unwrap();
-        for r in &block.nodes[0].representations {
-            source.read_page(r.page).unwrap();
+        let mut pages = Vec::new();
+        let mut blocks = vec![source.header().root_block];
+        while let Some(block) = blocks.pop() {
+            for node in &source.read_block(block).unwrap().nodes {
+                pages.extend(node.representations.iter().map(|r| r.page));
+                if let Children::Block(block) = node.children {
+                    blocks.push(block);
+                }
+            }
         }
-        block.nodes[0].representations[0].page
+        pages.sort_unstable_by_key(|page| page.offset);
+        let last = &pages[pages.len() - 2..];
+        assert!(last[0].offset > HEADER_BYTES_MAX as u64);
+        last.iter().for_each(|page| drop(source.read_page(*page).unwrap()));
+        last[0]
     };
     let first = open(1 << 20);
     let before = s.server.sent_at_rest();

@@ -75,6 +75,26 @@ fn reading_ahead_helps() {
     assert!(of(Policy::Due) < of(Policy::Lru) && of(Policy::Lru) < of(Policy::KeepNothing));
 }
 
+/// What does not fit is drawn coarser, by as much as that takes, whatever makes room.
+#[test]
+fn a_small_memory_is_kept_by_drawing_coarser() {
+    let folder = tempfile::tempdir().unwrap();
+    let hlod = ball(folder.path());
+    for path in ["orbit.json", "approach.json", "sweep.json"] {
+        let coarsened = [300_000, 1_000_000, 100_000_000].map(|cache_bytes| {
+            let fast = SimulationOptions { bytes_per_sec: 1e8, ..slow_link(cache_bytes) };
+            let report = simulate(&hlod, &recorded(path), &fast, &mut || {}).unwrap();
+            let due = report_of(&report, Policy::Due);
+            println!("{path}, {cache_bytes} bytes: {due:?}");
+            assert!(due.kept_bytes_max <= cache_bytes, "{path}: {due:?}");
+            assert_eq!(due.stalled_frames, 0, "{path}: {due:?}");
+            due.frames_coarsened
+        });
+        assert!(coarsened[0] > 0 && coarsened[0] >= coarsened[1], "{path}: {coarsened:?}");
+        assert_eq!(coarsened[2], 0, "{path}");
+    }
+}
+
 /// With room for everything and a link that is quicker than a frame, nothing is ever missing.
 #[test]
 fn a_fast_link_shows_everything() {

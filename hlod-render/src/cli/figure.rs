@@ -15,12 +15,12 @@ use hlod_render::framing::Framing;
 use hlod_render::leaves::Leaves;
 use hlod_render::scene::{Paint, Painted, Shadow, Shot};
 use hlod_render::section::{Plane, cut};
-use hlod_render::{Gpu, Model};
+use hlod_render::{Gpu, Model, ModelFile, ModelLimits};
 
 use super::args::{self, Cli, DrawArgs, JsonArgs, ShotArgs};
 use super::figure_args::{FigureArgs, LightDomeArgs, PlateArgs, TurntableArgs};
 use super::work::{load_session, saved_view, session_framing};
-use super::{Failure, Outcome, open, print, progress_bar, shot, tables};
+use super::{Failure, Outcome, check_representation, print, progress_bar, shot, tables};
 
 /// Of lines of text in a picture whose resolution on paper nobody said: a share of its height.
 const TEXT_SHARE: f64 = 1.0 / 36.0;
@@ -36,8 +36,9 @@ struct Opened {
 }
 
 fn open_model(cli: &Cli, file: &Path, draw: &DrawArgs) -> Result<Opened, Failure> {
-    let gpu = cli.gpu(draw)?;
-    let model = open(&gpu, file, draw)?;
+    let (gpu, file_open) = ModelFile::open_beside(file, ModelLimits::default(), || cli.gpu(draw))?;
+    check_representation(draw, file_open.header())?;
+    let model = Model::of_file(&gpu, file_open)?;
     let framing = Framing::of(&model);
     let arguments: Vec<_> = std::env::args_os().collect();
     let command = command_line(arguments.iter().map(|a| a.as_os_str()));

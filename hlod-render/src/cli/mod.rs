@@ -12,6 +12,7 @@ mod work;
 use std::io::Write;
 use std::path::Path;
 
+use hlod_compress::Header;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 
@@ -137,8 +138,12 @@ fn run_audit(cli: &Cli, args: &AuditArgs) -> Outcome {
 /// A model of which what is asked for can be drawn.
 fn open(gpu: &Gpu, file: &Path, draw: &DrawArgs) -> Result<Model, Failure> {
     let model = Model::open(gpu, file, ModelLimits::default())?;
-    draw.precision.representation.representation().check(model.header()).map_err(Failure::Usage)?;
+    check_representation(draw, model.header())?;
     Ok(model)
+}
+
+fn check_representation(draw: &DrawArgs, header: &Header) -> Outcome {
+    draw.precision.representation.representation().check(header).map_err(Failure::Usage)
 }
 
 fn shot(draw: &DrawArgs, camera: Camera, framing: &Framing) -> Result<Shot, Failure> {

@@ -108,7 +108,8 @@ pub fn bench(r: &BenchReport) -> String {
 pub fn simulation(r: &SimulationReport) -> String {
     let mut table = Table::new();
     table.load_style(presets::NOTHING);
-    let mut header = vec!["policy", "stalled", "τ drawn ÷ τ", "over 2τ", "read", "of it drawn"];
+    let mut header =
+        vec!["policy", "stalled", "τ drawn ÷ τ", "over 2τ", "no memory", "read", "of it drawn"];
     if r.caster_tau_px.is_some() {
         header.extend(["casters over 2τ_c", "casters missing"]);
     }
@@ -123,6 +124,7 @@ pub fn simulation(r: &SimulationReport) -> String {
             p.stalled_frames.to_string(),
             format!("{:.3}", p.tau_ratio_mean),
             share(p.frames_over_2tau),
+            format!("{:.1} %", 100.0 * f64::from(p.frames_coarsened) / f64::from(p.frames.max(1))),
             format!("{:.1} MB", p.bytes_read as f64 / 1e6),
             format!("{:.0} %", 100.0 * p.bytes_drawn as f64 / p.bytes_read.max(1) as f64),
         ];
@@ -142,7 +144,8 @@ pub fn simulation(r: &SimulationReport) -> String {
     };
     format!(
         "{} · {} · τ = {} px{shadows} · {:.1} MB/s, {:.0} ms, {:.0} MB kept, {} frames a second\n{}\n\
-         over 2τ, over 2τ_c, missing: frames after the first two seconds in which anything was that",
+         over 2τ, over 2τ_c, missing: frames after the first two seconds in which anything was that\n\
+         no memory: frames that were coarser because what was asked for takes more than is kept",
         r.file.display(),
         r.path,
         r.tau_px,

@@ -40,7 +40,11 @@ enum Problem {
 }
 
 impl HttpFile {
-    pub(super) fn open(address: &str, cache: Option<&Path>) -> Result<HttpFile, FormatError> {
+    /// Opens a file; with it come its first bytes, as many as one question brings.
+    pub(super) fn open(
+        address: &str,
+        cache: Option<&Path>,
+    ) -> Result<(HttpFile, Vec<u8>), FormatError> {
         let agent: Agent = Agent::config_builder()
             .timeout_resolve(Some(CONNECT))
             .timeout_connect(Some(CONNECT))
@@ -63,7 +67,8 @@ impl HttpFile {
             DiskCache::open(folder, &format!("{address}\n{version}"))
         });
         let address = address.to_owned();
-        Ok(HttpFile { agent, address, header, version: start.version, cache })
+        let file = HttpFile { agent, address, header, version: start.version, cache };
+        Ok((file, start.bytes))
     }
 
     pub(super) fn header(&self) -> &Header {

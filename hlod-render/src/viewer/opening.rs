@@ -1,6 +1,6 @@
 //! How the window comes to be, and statues into it.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -25,7 +25,8 @@ use crate::error::RenderError;
 use crate::framing::Framing;
 use crate::gpu::Gpu;
 use crate::lamp::{Lamp, LightAngles};
-use crate::model::Model;
+use crate::model::{Model, ModelLimits};
+use crate::model_file::ModelFile;
 use crate::scene::Shadow;
 use crate::session::{Looks, ShadowName};
 use crate::source::Source;
@@ -36,7 +37,7 @@ const PANEL_WINDOW_WIDTH: f64 = 900.0;
 /// What is to be shown.
 pub enum Statue<'a> {
     /// The one that the command line names, with what it says besides.
-    Named(&'a Path),
+    Named(Box<ModelFile>),
     /// One that was chosen in the window.
     File(&'a Path),
     /// The one that was shown before the GPU was lost.
@@ -64,6 +65,26 @@ impl Opening<'_> {
         if let Some(problem) = problem {
             entry.report(problem.to_string());
         }
+        // A server's first answers take as long as a window does.
+        let limits = self.limits_of_named();
+        std::thread::scope(|scope| {
+            let file = self.options.file.as_ref();
+            let file = file.map(|file| scope.spawn(move || ModelFile::open(file, limits)));
+            let (window, screen, gpu) = self.window()?;
+            let gui = Gui::new(&gpu, &window, screen.format(), self.event_loop, self.proxy);
+            window.set_visible(true);
+            let mut open = self.assemble(window, screen, gpu, gui, entry, preferences);
+            if let Some(file) = file {
+                let file = file.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
+                let path = file.path().to_owned();
+                let stage = self.stage(&open, Statue::Named(Box::new(file)))?;
+                self.install(&mut open, stage, &path);
+            }
+            Ok(open)
+        })
+    }
+
+    fn window(&self) -> Result<(Arc<Window>, Screen, Arc<Gpu>), RenderError> {
         let size = self.options.size;
         // Screen readers are told of the window before it is seen.
         let attributes = Window::default_attributes()
@@ -77,14 +98,15 @@ impl Opening<'_> {
             .map_err(|e| RenderError::Window(e.to_string()))?;
         let window = Arc::new(window);
         let (screen, gpu) = self.screen(&window)?;
-        let gui = Gui::new(&gpu, &window, screen.format(), self.event_loop, self.proxy);
-        window.set_visible(true);
-        let mut open = self.assemble(window, screen, gpu, gui, entry, preferences);
-        if let Some(file) = &self.options.file {
-            let stage = self.stage(&open, Statue::Named(file))?;
-            self.install(&mut open, stage, file);
+        Ok((window, screen, gpu))
+    }
+
+    /// Two statues that are compared share the memory.
+    fn limits_of_named(&self) -> ModelLimits {
+        match self.options.compare {
+            Some(_) => self.options.limits.shared_by(2),
+            None => self.options.limits,
         }
-        Ok(open)
     }
 
     /// The window as it was before its GPU was lost, on another or the same.
@@ -122,7 +144,8 @@ impl Opening<'_> {
         // Two statues at once may be more than the GPU has room for.
         open.stage = None;
         let file = match &statue {
-            Statue::Named(file) | Statue::File(file) => file.to_path_buf(),
+            Statue::Named(file) => file.path().to_owned(),
+            Statue::File(file) => file.to_path_buf(),
             Statue::Kept(kept) => kept.file.clone(),
         };
         match self.stage(open, statue) {
@@ -198,39 +221,30 @@ impl Opening<'_> {
     /// A statue on the window's GPU, and where the viewer stands before it.
     fn stage(&self, open: &Open, statue: Statue<'_>) -> Result<Stage, RenderError> {
         let options = self.options;
-        let (file, session): (PathBuf, _) = match &statue {
-            Statue::Named(file) => (file.to_path_buf(), options.session.as_deref()),
-            Statue::File(file) => (file.to_path_buf(), None),
-            Statue::Kept(kept) => (kept.file.clone(), None),
-        };
-        let output = open.screen.picture_format().add_srgb_suffix();
-        let beside = options.compare.as_ref().filter(|_| matches!(statue, Statue::Named(_)));
-        let limits = beside.map_or(options.limits, |_| options.limits.shared_by(2));
-        let model = Model::open(&open.gpu, &file, limits)?;
-        options.representation.check(model.header()).map_err(RenderError::Usage)?;
-        let kept = match statue {
+        let (file, session, is_named, kept) = match statue {
+            Statue::Named(file) => (*file, options.session.as_deref(), true, None),
+            Statue::File(file) => (ModelFile::open(file, options.limits)?, None, false, None),
             Statue::Kept(kept) => {
-                return Ok(Stage::new(
-                    &open.gpu,
-                    output,
-                    model,
-                    kept.navigation,
-                    kept.settings,
-                    kept.work,
-                ));
+                (ModelFile::open(&kept.file, options.limits)?, None, false, Some(kept))
             }
-            Statue::Named(_) => true,
-            Statue::File(_) => false,
         };
+        options.representation.check(file.header()).map_err(RenderError::Usage)?;
+        let path = file.path().to_owned();
+        let model = Model::of_file(&open.gpu, file)?;
+        let output = open.screen.picture_format().add_srgb_suffix();
+        if let Some(kept) = kept {
+            let Kept { navigation, settings, work, .. } = *kept;
+            return Ok(Stage::new(&open.gpu, output, model, navigation, settings, work));
+        }
         let (width, height) = open.screen.size();
         let size = DVec2::new(width.into(), height.into());
         let navigation = Navigation::new(Framing::of(&model), size);
-        let work = Work::open(&file, session, &model, self.wake());
+        let work = Work::open(&path, session, &model, self.wake());
         let points = f64::from(width) / open.window.scale_factor();
-        let settings = self.settings(&open.preferences, points, work.session().looks, kept);
+        let settings = self.settings(&open.preferences, points, work.session().looks, is_named);
         let mut stage = Stage::new(&open.gpu, output, model, navigation, settings, work);
-        if let Some(file) = beside {
-            let format = open.screen.picture_format();
+        if let Some(file) = options.compare.as_ref().filter(|_| is_named) {
+            let (format, limits) = (open.screen.picture_format(), self.limits_of_named());
             stage.show_beside(&open.gpu, file, limits, options.representation, format)?;
         }
         Ok(stage)
