@@ -85,6 +85,33 @@ proptest! {
         let all = whole_plan(&need, &skeleton);
         prop_assert_eq!(&all.pages[..plan.pages.len()], &plan.pages[..]);
     }
+
+    /// What stands in for a page is there before it.
+    #[test]
+    fn what_is_planned_follows_its_ancestors(
+        eye in direction(), distance in 0.5..20.0f64, bytes in 0u64..600, tau in 0.2..20.0f64,
+    ) {
+        let skeleton = tree_of(3, NormalCone::ALL, APPEARANCE);
+        let view = view(&camera(eye * distance, DQuat::IDENTITY));
+        let need = Need::new(&view, selection(tau), Pace { velocity: DVec3::X, spread: 1.0, turn: 1.0 });
+        let alone = whole_plan(&need, &skeleton);
+        let within = |bytes| {
+            let budget = Budget { bytes, bytes_of: &|_, _| 10 };
+            alone.clone().with_ancestors(APPEARANCE, &skeleton, budget)
+        };
+        let plan = within(bytes);
+        prop_assert!(plan.pages.len() as u64 * 10 <= bytes);
+        prop_assert!(plan.pages.windows(2).all(|w| w[0].secs <= w[1].secs));
+        let mut planned = HashSet::new();
+        for due in &plan.pages {
+            let (node, parent) = (due.what.0, skeleton.nodes()[due.what.0 as usize].parent);
+            prop_assert!(node == 0 || planned.contains(&parent), "{node} before {parent}");
+            prop_assert!(planned.insert(node), "{node} twice");
+        }
+        // Nothing is lost or comes later where there is room.
+        let all = within(u64::MAX);
+        prop_assert!(alone.pages.iter().all(|due| secs_of(&all, due.what.0) <= due.secs));
+    }
 }
 
 /// Straight towards a node, without turning: due when the parent's error covers τ pixels.

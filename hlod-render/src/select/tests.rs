@@ -116,11 +116,31 @@ fn every_visible_point_is_covered_once_whatever_is_resident() {
         let drawn: BTreeSet<u32> = front.draws.iter().map(|draw| draw.node).collect();
         held += front.held.len();
         assert!(front.held.iter().all(|(n, _)| resident.contains(n) && !drawn.contains(n)));
-        assert!(front.held.is_empty() || !front.wanted.is_empty());
+        // Nor is what can stand in for what is drawn.
+        let kept: BTreeSet<u32> = front.held.iter().map(|(n, _)| *n).collect();
+        assert_eq!(kept.len(), front.held.len(), "each once");
+        for draw in &front.draws {
+            let mut above = draw.node;
+            while above != 0 {
+                above = skeleton.nodes()[above as usize].parent;
+                assert!(kept.contains(&above) || !resident.contains(&above), "{above}");
+            }
+        }
         let complete = front.draws.len() == front.ideal_nodes;
         assert_eq!(complete, front.wanted.is_empty(), "what is missing is asked for");
     }
     assert!(held > 100, "{held} nodes wait for others");
+}
+
+#[test]
+fn nodes_know_their_parents() {
+    let skeleton = tree(3, NormalCone::ALL);
+    assert_eq!(skeleton.nodes()[0].parent, 0);
+    for (i, node) in skeleton.nodes().iter().enumerate().skip(1) {
+        let parent = &skeleton.nodes()[node.parent as usize];
+        let ChildLink::Nodes { first, count } = parent.children else { panic!("{i}: no parent") };
+        assert!((first..first + count).contains(&(i as u32)) && parent.depth + 1 == node.depth);
+    }
 }
 
 #[test]
