@@ -1,11 +1,10 @@
 //! The casters' front: which nodes cast shadows on what is seen, and how fine they must be (Guthe et
 //! al. 2004, section 6.1, made conservative).
 //!
-//! Visible nodes are grouped by their depth in the octree. Round each group, as far as it is in the
-//! picture, lies a box along the world's axes. What hides none of it from the light lies outside all that is
-//! between a box and the light, which is tested exactly: on the way to the light a box shrinks to a
-//! point (to parallel light it only moves), and casters' boxes are met somewhere on it or nowhere. That
-//! is the same wherever a light is, in the box or far from it. A caster that is wrong by ε moves its
+//! Round each visible node, as far as it is in the picture, lies a box along the world's axes. What hides
+//! none of it from the light lies outside all that is between the box and the light, which is tested exactly:
+//! on the way to the light a box shrinks to a point (to parallel light it only moves), and casters' boxes are
+//! met somewhere on it or nowhere. That is the same wherever a light is, in the box or far from it. A caster that is wrong by ε moves its
 //! shadow's edge by at most ε · (distance from the light to the receiver) ÷ (distance from the light to the
 //! caster), so it may be wrong by
 //!
@@ -13,24 +12,29 @@
 //! ε_c = a · d_l,min ÷ D_max        parallel light: ε_c = a
 //! ```
 //!
-//! with a the length that τ_c pixels show at the nearest point of the group, d_l,min the least
-//! distance from the light to the caster's box, D_max the largest to a corner of the group's. A light
+//! with a the length that τ_c pixels show at the nearest point of the visible node, d_l,min the least
+//! distance from the light to the caster's box, D_max the largest to a corner of the visible node's. A light
 //! of diameter s blurs what is far from what it falls on, and where nothing may be lit otherwise than
 //! by γ, another γ · s · d_p ÷ (d_l,max + d_p) is allowed, with d_p the least distance from the caster's
-//! box to the group's (of parallel light, s its angle in radians, γ · s · d_p). The
+//! box to the other (of parallel light, s its angle in radians, γ · s · d_p). The
 //! paper has the receivers' *stored* error in place of a, which would ask for leaves wherever leaves
 //! are seen.
 //!
 //! All of this only becomes more where boxes are larger, nearer to the eye, and the light's place is known
 //! less well. So the same functions say what may cast within some time, whatever eye and light do
 //! meanwhile ([`ahead`]): a frame is the case of no time.
+//!
+//! The paper has one box for all visible nodes of a depth. Near a large statue the leaves' box reaches from the eye to
+//! the end of the picture, and all that hides any of it from the light is asked for as finely as before the
+//! eye. With one for each node, those of a part of the octree are passed over together where nothing of it is
+//! met ([`Cluster`]).
 
 pub mod ahead;
 
 use std::collections::BTreeMap;
 
 use glam::{DMat4, DVec2, DVec3};
-use hlod_compress::RepresentationKind;
+use hlod_compress::{CellKey, RepresentationKind};
 
 use crate::camera::{Camera, Projection};
 use crate::need::{Parts, Reach};
@@ -84,9 +88,34 @@ impl Motion {
     const NONE: Motion = Motion { eye: Reach::HERE, velocity: DVec3::ZERO, light: 0.0 };
 }
 
-/// Visible nodes of one depth.
+/// A visible node, which shadows may fall on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Receiver {
+    cluster: CellKey,
+    corners: [DVec3; 8],
+}
+
+/// How many levels above its nodes a cluster's cell lies.
+const CLUSTER_LEVELS: usize = 2;
+
+impl Receiver {
+    /// A node of a model that is placed so.
+    pub fn of(node: &Node, world_from_model: &DMat4) -> Receiver {
+        let above = std::iter::successors(Some(node.cell), |cell| cell.parent());
+        let cluster = above.take(CLUSTER_LEVELS + 1).last().unwrap_or(node.cell);
+        let place = |p| world_from_model.transform_point3(p);
+        Receiver { cluster, corners: corners(node.min, node.max).map(place) }
+    }
+
+    /// Corners of its box, world space.
+    pub fn corners(&self) -> &[DVec3; 8] {
+        &self.corners
+    }
+}
+
+/// Where a visible node is.
 #[derive(Debug, Clone)]
-struct Group {
+struct Place {
     /// World space, lowest and highest corner.
     bounds: [DVec3; 2],
     /// Depth of the nearest corner, at least and at most.
@@ -106,29 +135,37 @@ pub struct CasterView {
     /// Where any part of the light may be, lowest and highest corner; of parallel light, of what leads
     /// to it.
     source: [DVec3; 2],
-    frusta: Vec<Frustum>,
+    clusters: Vec<Cluster>,
     /// Nothing else is relevant than what may cast on these, too: those of a part of the picture.
-    near: Option<Vec<Frustum>>,
+    near: Option<Vec<Cluster>>,
 }
 
-/// What may hide one group from the light.
+/// Visible nodes below one cell: what hides nothing of their box from the light hides none of them.
+#[derive(Debug, Clone)]
+struct Cluster {
+    /// World space, lowest and highest corner of what of them is in the picture.
+    bounds: [DVec3; 2],
+    frusta: Vec<Frustum>,
+}
+
+/// What may hide one visible node from the light.
 #[derive(Debug, Clone)]
 struct Frustum {
-    /// World space, lowest and highest corner of what of the group is in the picture.
+    /// World space, lowest and highest corner of what of the node is in the picture.
     bounds: [DVec3; 2],
-    /// Pixels that a unit of length shows at the group's nearest point, at least and at most.
+    /// Pixels that a unit of length shows at the node's nearest point, at least and at most.
     pixels: [f64; 2],
     /// Largest distance from the light to the box, at least and at most; parallel light: 1.
     reach: [f64; 2],
 }
 
 impl CasterView {
-    /// For the nodes drawn of any model, by depth, given by corners of their boxes in world space.
+    /// For the nodes drawn of any model.
     pub fn new(
         casting: &Casting,
         camera: &Camera,
         size: (u32, u32),
-        receivers: &[(u8, [DVec3; 8])],
+        receivers: &[Receiver],
         world_from_model: DMat4,
     ) -> CasterView {
         CasterView::within(Motion::NONE, casting, camera, size, receivers, world_from_model)
@@ -140,17 +177,14 @@ impl CasterView {
         casting: &Casting,
         camera: &Camera,
         (width, height): (u32, u32),
-        receivers: &[(u8, [DVec3; 8])],
+        receivers: &[Receiver],
         world_from_model: DMat4,
     ) -> CasterView {
         let lens = MovedLens::new(camera, f64::from(width) / f64::from(height), motion);
-        let mut groups: BTreeMap<u8, Group> = BTreeMap::new();
-        for (depth, corners) in receivers {
-            lens.add(groups.entry(*depth).or_insert(Group::EMPTY), corners);
-        }
         let light = casting.light;
-        let frusta = groups.into_values().filter_map(|group| {
-            let [low, high] = lens.in_picture(&group)?;
+        let frustum = |receiver: &Receiver| {
+            let place = lens.place(&receiver.corners);
+            let [low, high] = lens.in_picture(&place)?;
             let pixels = |depth: f64| {
                 let depth = if lens.perspective { depth.max(camera.near) } else { 1.0 };
                 f64::from(height) / (2.0 * lens.half.y * depth)
@@ -162,11 +196,16 @@ impl CasterView {
                     [(near - motion.light).max(0.0), far + motion.light]
                 }
             };
-            let [nearest, not_farther] = group.nearest;
+            let [nearest, not_farther] = place.nearest;
             let pixels = [pixels(not_farther), pixels(nearest)];
             Some(Frustum { bounds: [low, high], pixels, reach })
-        });
-        let frusta = frusta.collect();
+        };
+        let mut clusters: BTreeMap<CellKey, Cluster> = BTreeMap::new();
+        for receiver in receivers {
+            if let Some(frustum) = frustum(receiver) {
+                clusters.entry(receiver.cluster).or_insert(Cluster::EMPTY).add(frustum);
+            }
+        }
         let middle = match light {
             Light::Directional(towards) => towards.normalize_or(DVec3::Y),
             Light::Point(light) => light,
@@ -179,14 +218,14 @@ impl CasterView {
             casting: *casting,
             light_moved: motion.light,
             source: [middle - around, middle + around],
-            frusta,
+            clusters: clusters.into_values().collect(),
             near: None,
         }
     }
 
     /// The same, but leaves out what cannot cast on what the other view is of.
     pub(crate) fn near(self, part: CasterView) -> CasterView {
-        CasterView { near: Some(part.frusta), ..self }
+        CasterView { near: Some(part.clusters), ..self }
     }
 
     /// A node's box in world space; models are not turned, so that it is no larger than needed.
@@ -196,9 +235,17 @@ impl CasterView {
         corners.iter().fold([corners[0]; 2], |[low, high], p| [low.min(*p), high.max(*p)])
     }
 
-    fn may_hold(&self, frustum: &Frustum, node: &[DVec3; 2]) -> bool {
-        let is_parallel = matches!(self.casting.light, Light::Directional(_));
-        meets_on_the_way(&frustum.bounds, &self.source, is_parallel, node)
+    /// Frusta that may hold a node, given by its box.
+    fn holding<'a>(
+        &self,
+        clusters: &'a [Cluster],
+        node: [DVec3; 2],
+    ) -> impl Iterator<Item = &'a Frustum> {
+        let (source, light) = (self.source, self.casting.light);
+        let is_parallel = matches!(light, Light::Directional(_));
+        let meets = move |bounds| meets_on_the_way(bounds, &source, is_parallel, &node);
+        let met = clusters.iter().filter(move |cluster| meets(&cluster.bounds));
+        met.flat_map(|cluster| &cluster.frusta).filter(move |frustum| meets(&frustum.bounds))
     }
 
     /// Pixels by which a shadow's edge moves for a length (model units) within a node, at least and at
@@ -231,7 +278,7 @@ impl CasterView {
             true => threshold_px * error * self.scale / allowed,
             false => f64::INFINITY,
         };
-        let of_group = |f: &Frustum| {
+        let of_receiver = |f: &Frustum| {
             let [from, to] = f.bounds;
             let apart = (from - high).max(low - to).max(DVec3::ZERO).length();
             let least = threshold_px * nearest[0] / (f.pixels[1] * f.reach[1])
@@ -246,8 +293,8 @@ impl CasterView {
             };
             [shift(most), shift(least)]
         };
-        let relevant = self.frusta.iter().filter(|f| self.may_hold(f, &bounds));
-        let any = relevant.map(of_group).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+        let relevant = self.holding(&self.clusters, bounds);
+        let any = relevant.map(of_receiver).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
         any.unwrap_or([0.0; 2])
     }
 }
@@ -295,12 +342,15 @@ fn meets_on_the_way(
     first <= last
 }
 
-impl Group {
-    const EMPTY: Group = Group {
-        bounds: [DVec3::INFINITY, DVec3::NEG_INFINITY],
-        nearest: [f64::INFINITY, f64::NEG_INFINITY],
-        farthest: f64::NEG_INFINITY,
-    };
+impl Cluster {
+    const EMPTY: Cluster =
+        Cluster { bounds: [DVec3::INFINITY, DVec3::NEG_INFINITY], frusta: Vec::new() };
+
+    fn add(&mut self, frustum: Frustum) {
+        let ([low, high], [from, to]) = (&mut self.bounds, frustum.bounds);
+        (*low, *high) = (low.min(from), high.max(to));
+        self.frusta.push(frustum);
+    }
 }
 
 /// A camera that may have moved.
@@ -344,22 +394,22 @@ impl MovedLens {
         ]
     }
 
-    fn add(&self, group: &mut Group, corners: &[DVec3; 8]) {
+    fn place(&self, corners: &[DVec3; 8]) -> Place {
         let depths = corners.map(|p| self.depths(p));
-        let [low, high] = &mut group.bounds;
-        for p in corners {
-            *low = low.min(*p);
-            *high = high.max(*p);
+        let [low, high] = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+        Place {
+            bounds: [
+                corners.iter().fold(low, |a, p| a.min(*p)),
+                corners.iter().fold(high, |a, p| a.max(*p)),
+            ],
+            nearest: [0, 1].map(|i| depths.iter().fold(f64::INFINITY, |all, d| all.min(d[i]))),
+            farthest: depths.iter().fold(f64::NEG_INFINITY, |all, d| all.max(d[1])),
         }
-        let [nearest, not_farther] = &mut group.nearest;
-        *nearest = depths.iter().fold(*nearest, |all, d| all.min(d[0]));
-        *not_farther = not_farther.max(depths.iter().fold(f64::INFINITY, |all, d| all.min(d[1])));
-        group.farthest = depths.iter().fold(group.farthest, |all, d| all.max(d[1]));
     }
 
-    /// The box, world space, of what of a group is in the picture; `None` where nothing is.
-    fn in_picture(&self, group: &Group) -> Option<[DVec3; 2]> {
-        let (mut nearest, farthest) = (group.nearest[0], group.farthest);
+    /// The box, world space, of what of a node is in the picture; `None` where nothing is.
+    fn in_picture(&self, place: &Place) -> Option<[DVec3; 2]> {
+        let (mut nearest, farthest) = (place.nearest[0], place.farthest);
         if self.perspective {
             nearest = nearest.max(self.near);
             if farthest < nearest {
@@ -375,7 +425,7 @@ impl MovedLens {
         });
         let reach = &self.motion.eye;
         let Motion { velocity, .. } = self.motion;
-        let [mut low, mut high] = group.bounds;
+        let [mut low, mut high] = place.bounds;
         for axis in 0..3 {
             let direction = DVec3::from_array(self.axes.map(|a| a[axis]));
             let parts = hull.map(|p| Parts::of(p, direction));
@@ -399,8 +449,8 @@ impl Measure for CasterView {
 
     fn is_relevant(&self, node: &Node) -> bool {
         let bounds = self.box_of(node);
-        let may_hold = |frusta: &[Frustum]| frusta.iter().any(|f| self.may_hold(f, &bounds));
-        may_hold(&self.frusta) && self.near.as_deref().is_none_or(may_hold)
+        let may_hold = |clusters: &[Cluster]| self.holding(clusters, bounds).next().is_some();
+        may_hold(&self.clusters) && self.near.as_deref().is_none_or(may_hold)
     }
 
     /// Pixels by which a shadow's edge moves at most.
@@ -413,7 +463,8 @@ impl Measure for CasterView {
     }
 
     fn area_px(&self, node: &Node) -> f64 {
-        let pixels = self.frusta.iter().map(|f| f.pixels[1]).fold(0.0, f64::max);
+        let frusta = self.clusters.iter().flat_map(|cluster| &cluster.frusta);
+        let pixels = frusta.map(|f| f.pixels[1]).fold(0.0, f64::max);
         ((node.max - node.min).length() / 2.0 * self.scale * pixels).powi(2)
     }
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use glam::DVec3;
 
 use crate::arena::{Arena, Slot};
-use crate::casters::{CasterView, Casting, select_casters};
+use crate::casters::{CasterView, Casting, Receiver, select_casters};
 use crate::clip::check_clip;
 use crate::colour_map::bounds_shown;
 use crate::error::RenderError;
@@ -21,7 +21,7 @@ use crate::passes::{
 use crate::prefetch::Prefetch;
 use crate::scene::{Light, Representation, Shadow, Shot};
 use crate::seen::Seen;
-use crate::select::{Front, Selection, View, corners, select};
+use crate::select::{Front, Selection, View, select};
 use crate::shadow_map::MapCount;
 use crate::skeleton::{ChildLink, Node};
 use crate::survey::Survey;
@@ -81,8 +81,8 @@ struct Fronts {
     receivers: Vec<Front>,
     /// Empty where no shadows are cast.
     casters: Vec<Front>,
-    /// Depths and corners of boxes, world space, of what may be seen, by which light is laid out.
-    boxes: Vec<(u8, [DVec3; 8])>,
+    /// Of what may be seen, by which light is laid out.
+    boxes: Vec<Receiver>,
     /// Of parts, what will be drawn when all of it is here.
     kept: Vec<Front>,
     kept_casters: Vec<Front>,
@@ -372,10 +372,10 @@ impl Renderer {
 }
 
 /// The light of one frame.
-fn lit(models: &[Model], boxes: &[(u8, [DVec3; 8])], shot: &Shot) -> Lit {
+fn lit(models: &[Model], boxes: &[Receiver], shot: &Shot) -> Lit {
     let centre =
         models.first().map_or(DVec3::ZERO, |m| m.world_from_model().transform_point3(DVec3::ZERO));
-    let points: Vec<DVec3> = boxes.iter().flat_map(|(_, corners)| *corners).collect();
+    let points: Vec<DVec3> = boxes.iter().flat_map(|receiver| *receiver.corners()).collect();
     Lit::around(&points, centre, shot)
 }
 
@@ -496,21 +496,17 @@ pub(crate) fn caster_view(
     model: &Model,
     shot: &Shot,
     size: (u32, u32),
-    boxes: &[(u8, [DVec3; 8])],
+    boxes: &[Receiver],
 ) -> CasterView {
     CasterView::new(&Casting::of_shot(shot), &shot.camera, size, boxes, model.world_from_model())
 }
 
-/// Depths of the nodes that are drawn and the corners of their boxes in world space.
-pub(crate) fn visible_boxes(models: &[Model], fronts: &[Front]) -> Vec<(u8, [DVec3; 8])> {
-    let of_model = |(model, front): (&Model, &Front)| -> Vec<(u8, [DVec3; 8])> {
-        let placed = model.world_from_model();
-        let node = |n: u32| &model.skeleton().nodes()[n as usize];
-        let boxes = front.draws.iter().map(|draw| {
-            let node = node(draw.node);
-            (node.depth, corners(node.min, node.max).map(|p| placed.transform_point3(p)))
-        });
-        boxes.collect()
+/// Boxes of the nodes that are drawn.
+pub(crate) fn visible_boxes(models: &[Model], fronts: &[Front]) -> Vec<Receiver> {
+    let of_model = |(model, front): (&Model, &Front)| -> Vec<Receiver> {
+        let (nodes, placed) = (model.skeleton().nodes(), model.world_from_model());
+        let drawn = front.draws.iter().map(|draw| &nodes[draw.node as usize]);
+        drawn.map(|node| Receiver::of(node, &placed)).collect()
     };
     models.iter().zip(fronts).flat_map(of_model).collect()
 }

@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use crate::camera::Camera;
 use crate::casters::ahead::Outlook;
-use crate::casters::{CasterView, Casting, select_casters};
+use crate::casters::{CasterView, Casting, Receiver, select_casters};
 use crate::error::RenderError;
 use crate::fit::{Fit, fits, takes_what_it_needs};
 use crate::framing::Framing;
@@ -27,7 +27,7 @@ use crate::residency::{
     DueTimes, Page, Refused, due_times, horizon_secs, page_bytes, requests, victim,
 };
 use crate::scene::Light;
-use crate::select::{Draw, Front, Selection, View, Wanted, corners, parse_ticket, select};
+use crate::select::{Draw, Front, Selection, View, Wanted, parse_ticket, select};
 use crate::skeleton::{ChildLink, Skeleton};
 use crate::source::open_local;
 
@@ -398,9 +398,7 @@ impl<'a> Run<'a> {
         let receivers = select(&self.skeleton, &view, moment.selection, &is_resident);
         let casters = moment.casting.map(|casting| {
             let box_of = |draw: &Draw| {
-                let node = &self.skeleton.nodes()[draw.node as usize];
-                let place = |p| self.world_from_model.transform_point3(p);
-                (node.depth, corners(node.min, node.max).map(place))
+                Receiver::of(&self.skeleton.nodes()[draw.node as usize], &self.world_from_model)
             };
             let boxes: Vec<_> = receivers.draws.iter().map(box_of).collect();
             let (camera, size) = (&moment.camera, self.options.size);

@@ -4,9 +4,9 @@
 //! memory. How far skirts reach, from where casters count and how light is laid out depends on all that
 //! is seen: it is found once, from the octree alone, and holds for every part.
 
-use glam::{DVec2, DVec3};
+use glam::DVec2;
 
-use crate::casters::select_casters;
+use crate::casters::{Receiver, select_casters};
 use crate::error::RenderError;
 use crate::frame::{caster_view, selection, visible_boxes};
 use crate::gpu::Gpu;
@@ -21,7 +21,7 @@ use crate::select::{Front, View, select};
 pub struct Survey {
     pub(crate) receivers: Vec<Whole>,
     pub(crate) casters: Vec<Whole>,
-    pub(crate) boxes: Vec<(u8, [DVec3; 8])>,
+    pub(crate) boxes: Vec<Receiver>,
     /// Triangles that the whole picture shows.
     pub triangles: u64,
     /// Points that it shows at most.
@@ -99,7 +99,7 @@ impl Survey {
         (width, height): (u32, u32),
         receivers: &[Front],
         casters: &[Front],
-        boxes: Vec<(u8, [DVec3; 8])>,
+        boxes: Vec<Receiver>,
     ) -> Survey {
         let mut all = Survey { boxes, ..Survey::default() };
         let whole = |(model, front): (&Model, &Front)| {

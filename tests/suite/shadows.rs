@@ -386,6 +386,22 @@ fn rmse(drawn: &[Option<f64>], truth: &[Option<f64>]) -> (f64, f64, usize) {
     (inside, root(&mut both()).0, count)
 }
 
+/// Which pixels show a part of the ball on which light grazes, falling in at more than 60°: shadows may begin there
+/// earlier or later by any angle that levels change its surface.
+fn grazed(scene: &mut Scene, shot: &Shot) -> Vec<bool> {
+    let (canvas, _) = scene.draw(shot);
+    let is_grazed = |(pixel, &depth): (usize, &f32)| {
+        let Some(place) = place(&shot.camera, pixel, depth) else { return false };
+        let normal = (place - MIDDLE) / RADIUS;
+        let towards = match shot.light {
+            Light::Directional(towards) => towards.normalize(),
+            Light::Point(light) => (light - place).normalize(),
+        };
+        (0.95..1.05).contains(&normal.length()) && normal.normalize().dot(towards) < 0.5
+    };
+    canvas.depths(&scene.gpu).unwrap().iter().enumerate().map(is_grazed).collect()
+}
+
 #[test]
 fn a_straight_edge_s_penumbra_is_that_of_a_disc() {
     // A half-plane one unit above the floor, lit from straight above.
@@ -488,19 +504,27 @@ fn soft_shadows_are_what_rays_to_the_whole_light_find() {
         // Amid what is seen: six faces.
         (Light::Point(DVec3::new(-1.0, 1.2, 0.3)), [0.1, 0.2, 0.3]),
     ];
-    for mesh in [ball(), cube()] {
+    for (mesh, has_ball) in [(ball(), true), (cube(), false)] {
         let mut scene = Scene::new(mesh);
         for (light, sizes) in lights {
+            let left_out = match has_ball {
+                true => grazed(&mut scene, &shot(EYE, light)),
+                false => vec![false; (SIZE.0 * SIZE.1) as usize],
+            };
             for (light_size, most) in sizes.into_iter().zip([0.08, 0.12, 0.2]) {
                 let soft = Shot { shadow: Shadow::Soft, light_size, ..shot(EYE, light) };
-                let truth = shares(&mut scene, &Shot { shadow: Shadow::Traced, ..soft });
-                let drawn = shares(&mut scene, &soft);
+                let mut of = |shadow| {
+                    let all = shares(&mut scene, &Shot { shadow, ..soft });
+                    let kept = |(share, out): (_, &bool)| if *out { None } else { share };
+                    all.into_iter().zip(&left_out).map(kept).collect::<Vec<Option<f64>>>()
+                };
+                let [truth, drawn, hard] =
+                    [Shadow::Traced, Shadow::Soft, Shadow::Hard].map(&mut of);
                 let (inside, everywhere, count) = rmse(&drawn, &truth);
-                let hard = shares(&mut scene, &Shot { shadow: Shadow::Hard, ..soft });
                 let of_hard = rmse(&hard, &truth).1;
                 let what = format!("{light:?} of {light_size}, {count} pixels");
                 assert!(count > 100 && inside <= most, "{inside} inside: {what}");
-                assert!(everywhere <= 0.6 * of_hard, "{everywhere}, hard {of_hard}: {what}");
+                assert!(everywhere <= 0.1 * of_hard, "{everywhere}, hard {of_hard}: {what}");
             }
         }
     }
@@ -602,7 +626,7 @@ fn scans_cast_soft_shadows_as_their_every_triangle_does() {
             let of_hard = rmse(&hard, &truth).1;
             println!("{name} {size}: {inside:.4} of {count}, {everywhere:.4}, hard {of_hard:.4}");
             assert!(count > 100 && inside <= most, "{name} at {size}: {inside} inside");
-            assert!(everywhere <= 0.6 * of_hard, "{name} at {size}: {everywhere}, hard {of_hard}");
+            assert!(everywhere <= 0.1 * of_hard, "{name} at {size}: {everywhere}, hard {of_hard}");
         }
     }
 }

@@ -1,8 +1,8 @@
 //! What may cast soon: the motion of eye and light that is needed before a caster's page is wanted, as a
 //! time.
 //!
-//! Which receivers may be drawn by some time is known from their own plan ([`crate::need`]). Round those
-//! of each depth lies a box, and what of it can be in the picture by then, from wherever the eye can have
+//! Which receivers may be drawn by some time is known from their own plan ([`crate::need`]). Round each
+//! of them lies a box, and what of it can be in the picture by then, from wherever the eye can have
 //! got to, is what may receive; the light is somewhere within what it may have moved. A caster's page may be
 //! wanted once it may be on the way between the two, its parent too coarse, and it fine enough itself:
 //! the same tests as for a frame, of larger boxes ([`super::CasterView`]).
@@ -12,14 +12,14 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use glam::{DMat4, DVec3};
+use glam::DMat4;
 use hlod_compress::RepresentationKind;
 
-use super::{CasterView, Casting, Motion};
+use super::{CasterView, Casting, Motion, Receiver};
 use crate::camera::Camera;
 use crate::need::{Budget, BytesOf, Due, Pace, Plan, Times, Timing, plan_by};
 use crate::scene::Light;
-use crate::select::{Measure, corners};
+use crate::select::Measure;
 use crate::skeleton::{Node, Skeleton};
 
 /// Ends of the slices of time that are looked at. What would be due later than the last but one is not
@@ -41,9 +41,6 @@ pub struct Outlook<'a> {
     pub light_speed: f64,
 }
 
-/// A visible node: its depth and the corners of its box, world space.
-pub type Receiver = (u8, [DVec3; 8]);
-
 /// Receivers of one model, and when they may be drawn: those of their plan.
 pub fn receivers_of(
     plan: &Plan,
@@ -52,8 +49,7 @@ pub fn receivers_of(
 ) -> Vec<Due<Receiver>> {
     let of = |due: &Due<(u32, usize)>| {
         let node = &skeleton.nodes()[due.what.0 as usize];
-        let corners = corners(node.min, node.max).map(|p| world_from_model.transform_point3(p));
-        Due { secs: due.secs, what: (node.depth, corners) }
+        Due { secs: due.secs, what: Receiver::of(node, world_from_model) }
     };
     plan.pages.iter().map(of).collect()
 }

@@ -50,9 +50,8 @@ proptest! {
         let kind = RepresentationKind::Appearance;
         let selection = Selection { kind, error_threshold_px: 2.0 };
         let front = select(&receivers, &view, selection, &|_, _| true);
-        let boxes: Vec<(u8, [DVec3; 8])> = front.draws.iter().map(|draw| {
-            let node = &receivers.nodes()[draw.node as usize];
-            (node.depth, corners(node.min, node.max))
+        let boxes: Vec<Receiver> = front.draws.iter().map(|draw| {
+            Receiver::of(&receivers.nodes()[draw.node as usize], &DMat4::IDENTITY)
         }).collect();
         // Points that are drawn and in the picture.
         let clip = camera.clip_from_view(640.0 / 480.0) * camera.view_from_world() * seen.extend(1.0);
@@ -124,12 +123,13 @@ fn boxes_beside_the_way_are_not_met() {
 #[test]
 fn steps_of_brightness_are_allowed_where_penumbrae_are_wide_alone() {
     let casters = tree_of(4, NormalCone::ALL, RepresentationKind::Geometric);
-    let floor = corners(DVec3::new(-1.0, -9.0, -1.0), DVec3::new(1.0, -8.0, 1.0));
+    let corners = corners(DVec3::new(-1.0, -9.0, -1.0), DVec3::new(1.0, -8.0, 1.0));
+    let floor = Receiver { cluster: CellKey::ROOT, corners };
     let camera = camera(DVec3::new(0.0, -5.0, 12.0), DVec3::new(0.0, -8.0, 0.0));
     let root_px = |light_size: f64, intensity_step: f64| {
         let casting =
             Casting { intensity_step, ..casting(Light::Directional(DVec3::Y), light_size, 0.5) };
-        let view = CasterView::new(&casting, &camera, SIZE, &[(0, floor)], DMat4::IDENTITY);
+        let view = CasterView::new(&casting, &camera, SIZE, &[floor], DMat4::IDENTITY);
         view.error_px(0.1, &casters.nodes()[0])
     };
     assert_eq!(root_px(0.0, 0.5), root_px(0.0, 0.0), "hard edges have no penumbra");
@@ -147,15 +147,16 @@ fn steps_of_brightness_are_allowed_where_penumbrae_are_wide_alone() {
 fn lamps_close_to_what_casts_ask_for_more_than_distant_ones() {
     let casters = tree_of(4, NormalCone::ALL, RepresentationKind::Geometric);
     // A floor far below the model.
-    let floor = corners(DVec3::new(-1.0, -9.0, -1.0), DVec3::new(1.0, -8.0, 1.0));
+    let corners = corners(DVec3::new(-1.0, -9.0, -1.0), DVec3::new(1.0, -8.0, 1.0));
+    let floor = Receiver { cluster: CellKey::ROOT, corners };
     let camera = camera(DVec3::new(0.0, -5.0, 12.0), DVec3::new(0.0, -8.0, 0.0));
-    let view = |light: Light, boxes: &[(u8, [DVec3; 8])]| {
+    let view = |light: Light, boxes: &[Receiver]| {
         CasterView::new(&casting(light, 0.0, 0.5), &camera, SIZE, boxes, DMat4::IDENTITY)
     };
-    let nodes = |light: Light, boxes: &[(u8, [DVec3; 8])]| {
+    let nodes = |light: Light, boxes: &[Receiver]| {
         select_casters(&casters, &view(light, boxes), &|_, _| true).draws.len()
     };
-    let root_px = |light: Light| view(light, &[(0, floor)]).error_px(0.1, &casters.nodes()[0]);
+    let root_px = |light: Light| view(light, &[floor]).error_px(0.1, &casters.nodes()[0]);
     let parallel = root_px(Light::Directional(DVec3::Y));
     let high = root_px(Light::Point(DVec3::Y * 400.0));
     let close = root_px(Light::Point(DVec3::Y * 1.5));
@@ -163,6 +164,26 @@ fn lamps_close_to_what_casts_ask_for_more_than_distant_ones() {
     // From a lamp half a unit above the model to the floor's corners it is twenty times as far.
     assert!((20.0..23.0).contains(&(close / parallel)), "{parallel} {close}");
     // Light from below meets nothing on its way, and neither does what nobody sees.
-    assert_eq!(nodes(Light::Directional(-DVec3::Y), &[(0, floor)]), 0);
+    assert_eq!(nodes(Light::Directional(-DVec3::Y), &[floor]), 0);
     assert_eq!(nodes(Light::Directional(DVec3::Y), &[]), 0);
+}
+
+/// What hides a distant floor alone may be as coarse as distance allows, whatever else is seen from near by.
+#[test]
+fn what_casts_on_distant_ground_is_measured_there() {
+    let casters = tree_of(4, NormalCone::ALL, RepresentationKind::Geometric);
+    let camera = camera(DVec3::new(0.0, -8.0, 12.0), DVec3::new(0.0, -8.0, 0.0));
+    let floor = |z: f64| {
+        let corners = corners(DVec3::new(-1.0, -9.0, z - 1.0), DVec3::new(1.0, -8.5, z + 1.0));
+        Receiver { cluster: CellKey::ROOT, corners }
+    };
+    let (near, far) = (floor(10.0), floor(0.0));
+    let root_px = |seen: &[Receiver]| {
+        let casting = casting(Light::Directional(DVec3::Y), 0.0, 0.5);
+        CasterView::new(&casting, &camera, SIZE, seen, DMat4::IDENTITY)
+            .error_px(0.1, &casters.nodes()[0])
+    };
+    assert_eq!(root_px(&[near]), 0.0, "it hides nothing of what is near");
+    assert!(root_px(&[far]) > 0.0);
+    assert_eq!(root_px(&[near, far]), root_px(&[far]));
 }

@@ -1,4 +1,4 @@
-use glam::DQuat;
+use glam::{DQuat, DVec3};
 use hlod_compress::NormalCone;
 use proptest::prelude::*;
 
@@ -38,10 +38,7 @@ fn drawn(casting: &Casting, camera: &Camera, receivers: &Skeleton, casters: &Ske
     let boxes: Vec<Receiver> = select(receivers, &view(camera), RECEIVERS, &|_, _| true)
         .draws
         .iter()
-        .map(|draw| {
-            let node = &receivers.nodes()[draw.node as usize];
-            (node.depth, corners(node.min, node.max))
-        })
+        .map(|draw| Receiver::of(&receivers.nodes()[draw.node as usize], &DMat4::IDENTITY))
         .collect();
     let view = CasterView::new(casting, camera, SIZE, &boxes, DMat4::IDENTITY);
     let front = select_casters(casters, &view, &|_, _| true);
