@@ -1,4 +1,4 @@
-//! `hlod-report report [--quick] [--data DIR] [--statue SIZE]... [--output DIR]`,
+//! `hlod-report report [--quick] [--resume] [--data DIR] [--statue SIZE]... [--output DIR]`,
 //! `hlod-report bench [--against FILE] [--margin PERCENT] [--record FILE]` and `hlod-report pictures`: what
 //! `cargo xtask report`, `bench` and `pictures` run.
 //!
@@ -46,6 +46,7 @@ fn run_report(
     let data = hlod_tests::workspace().join("../shared/data");
     let mut options = ReportOptions {
         quick: false,
+        resume: false,
         data: data.exists().then_some(data),
         folder: PathBuf::from(FOLDER),
         statues: Vec::new(),
@@ -55,6 +56,7 @@ fn run_report(
         let mut value = || arguments.next().ok_or(format!("{argument} takes a value"));
         match argument.as_str() {
             "--quick" => options.quick = true,
+            "--resume" => options.resume = true,
             "--data" => options.data = Some(value()?.into()),
             "--statue" => options.statues.push(value()?),
             "--output" => options.output = value()?.into(),

@@ -48,7 +48,7 @@ pub(super) fn builds(
         say(&format!("certificates: {}", model.name));
         let share = if model.triangles > LARGE { "--share 0.02" } else { "--share 1" };
         let line = Line::new("hlod-build").words("verify").with(&model.file).words(share);
-        let verified = stock.programs.json(&line)?;
+        let verified = stock.programs.measured(&line)?;
         let of = |key: &str| number(&model.build, key);
         let rate = model.triangles / of("cpu_secs")? / 1e3;
         over += number(&verified, "nodes_over_bound")?;
@@ -120,7 +120,7 @@ pub(super) fn pictures(
         let audit = |what: &str, options: &str, say: &mut dyn FnMut(&str)| {
             say(&format!("pictures: {}, {what}", model.name));
             let line = Line::new("hlod-render").words("audit").with(&model.file);
-            stock.programs.json(&line.words("--against").with(&model.scan).words(options))
+            stock.programs.measured(&line.words("--against").with(&model.scan).words(options))
         };
         let views = extent.views;
         let plain = audit("shades", &format!("--views {views} --shadow none"), say)?;
@@ -190,8 +190,8 @@ pub(super) fn shadow_maps(
          pixels dark or lit for no reason, and on how many a texel is longer than 0.35 px.",
         &["model", "way", "ms", "× none", "edge 15°", "edge 60°", "dark · lit", "texel too long"],
     );
-    let is_taken = |model: &&Model| model.triangles < if extent.quick { LARGE / 2.0 } else { 1e7 };
-    for model in models.iter().filter(is_taken).filter(|model| model.is_statue || !extent.quick) {
+    let most = if extent.quick { LARGE / 2.0 } else { 1e7 };
+    for model in models.iter().filter(|model| model.is_statue && model.triangles < most) {
         say(&format!("shadow maps: {}", model.name));
         let bench = |options: &str| {
             let line = Line::new("hlod-render").words("bench").with(&model.file).words("--path");
@@ -216,9 +216,9 @@ pub(super) fn shadow_maps(
                 say(&format!("shadow maps: {}, {way}", model.name));
                 let line = Line::new("hlod-render").words("audit").with(&model.file);
                 let line = line.words("--against").with(&model.scan);
-                let views = extent.views;
-                let audit =
-                    stock.programs.json(&line.words(&format!("--views {views} {options}")))?;
+                let views = extent.views.min(2);
+                let line = line.words(&format!("--views {views} {options}"));
+                let audit = stock.programs.measured(&line)?;
                 let of = |key: &str| number(&audit, &format!("shadow_edge_px.{key}"));
                 row.push(fixed(of("deg15.p999")?, 2));
                 row.push(fixed(of("deg60.p999")?, 2));
@@ -255,7 +255,7 @@ pub(super) fn policies(
     for path in extent.paths {
         let line = Line::new("hlod-render").words("simulate").with(&model.file);
         let line = line.words(&format!("--path bench-paths/{path}.json"));
-        let printed = stock.programs.json(&line)?;
+        let printed = stock.programs.measured(&line)?;
         for policy in printed["policies"].as_array().map_or(&[][..], Vec::as_slice) {
             let of = |key: &str| number(policy, key);
             section.row(vec![

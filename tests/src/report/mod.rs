@@ -15,6 +15,7 @@
 
 mod beyond;
 mod error;
+mod kept;
 mod markdown;
 mod models;
 mod paper;
@@ -38,6 +39,8 @@ use programs::{Line, text};
 pub struct ReportOptions {
     /// A subset that takes minutes.
     pub quick: bool,
+    /// Go on with what an earlier run measured.
+    pub resume: bool,
     /// The folder of scans; without one, sample statues alone.
     pub data: Option<PathBuf>,
     /// Where models are kept from run to run.
@@ -60,30 +63,32 @@ impl ReportOptions {
 /// How much of everything.
 pub(crate) struct Extent {
     quick: bool,
-    sizes: &'static [&'static str],
+    /// Sizes of pictures, and how many frames along each path.
+    sizes: &'static [(&'static str, u32)],
     paths: &'static [&'static str],
-    frames: u32,
     light_frames: u32,
+    /// Along each path of the model that figure 7 is of.
+    curve_frames: u32,
     views: u32,
     seam_views: u32,
 }
 
 const FULL: Extent = Extent {
     quick: false,
-    sizes: &["640x480", "1920x1080"],
+    sizes: &[("640x480", 12), ("1920x1080", 6)],
     paths: &["orbit", "approach", "sweep"],
-    frames: 24,
-    light_frames: 60,
+    light_frames: 12,
+    curve_frames: 30,
     views: 6,
     seam_views: 60,
 };
 
 const QUICK: Extent = Extent {
     quick: true,
-    sizes: &["640x480"],
+    sizes: &[("640x480", 12)],
     paths: &["orbit"],
-    frames: 12,
     light_frames: 16,
+    curve_frames: 16,
     views: 1,
     seam_views: 12,
 };
@@ -132,6 +137,7 @@ pub fn report(
     for folder in [&options.folder, &options.output] {
         std::fs::create_dir_all(folder).map_err(ReportError::io(folder, "create"))?;
     }
+    let programs = &programs.keeping(options.folder.join("measured"), options.resume)?;
     let stock = Stock { programs, folder: &options.folder, data: options.data.as_deref() };
     let models = models_of(&stock, options, say)?;
     let machine = machine(programs, &models)?;
@@ -151,10 +157,10 @@ pub fn report(
             _ => beyond::builds(&models, &stock, &options.output, &mut targets, say)?,
         });
         // What was measured stays, whatever comes after it.
-        let minutes = begin.elapsed().as_secs_f64() / 60.0;
         let mut all = vec![judged(&targets)];
         all.extend(sections.iter().cloned());
-        let text = document(&machine, &options.command(), minutes, &all);
+        let made = made(&options.command(), begin.elapsed().as_secs_f64() / 60.0, programs.kept());
+        let text = document(&made, &machine, &all);
         hlod_build::write_whole(&path, text.as_bytes())
             .map_err(|error| ReportError::unexpected(path.display(), error))?;
     }
@@ -224,11 +230,23 @@ fn machine(programs: &Programs, models: &[Model]) -> Result<Vec<String>, ReportE
     Ok(lines)
 }
 
-fn document(machine: &[String], command: &str, minutes: f64, sections: &[Section]) -> String {
+/// By what, in what time, and how much of it an earlier run measured.
+fn made(command: &str, minutes: f64, (found, all): (usize, usize)) -> String {
+    let kept = match found {
+        0 => String::new(),
+        _ => format!(
+            "; {} of {} outputs of programs are of a run before it, which was ended early",
+            whole(found as f64),
+            whole(all as f64)
+        ),
+    };
+    format!("Written by `{command}` in {} minutes{kept}.", whole(minutes))
+}
+
+fn document(made: &str, machine: &[String], sections: &[Section]) -> String {
     let mut out = format!(
-        "# Results\n\nWritten by `{command}` in {} minutes. Ratios come of commands that took turns; absolute times \
-         hold for this machine alone:\n\n",
-        whole(minutes)
+        "# Results\n\n{made} Ratios come of commands that took turns; absolute times hold for this machine \
+         alone:\n\n"
     );
     machine.iter().for_each(|line| out += &format!("- {line}\n"));
     let parts = sections.len() - 1;
@@ -257,5 +275,11 @@ mod tests {
         assert_eq!(Target::at_most("", 3.0, None).is_met(), None);
         let section = judged(&[Target::at_most("a", 2.0, Some(1.5))]);
         assert_eq!(section.rows, [["a", "2.00", "≤ 1.5", "**missed**"]]);
+    }
+
+    #[test]
+    fn a_report_says_what_an_earlier_run_measured() {
+        assert_eq!(made("c", 2.2, (0, 7)), "Written by `c` in 2 minutes.");
+        assert!(made("c", 2.2, (3, 7)).contains("; 3 of 7 outputs"));
     }
 }

@@ -15,6 +15,15 @@ const SCANS: [(&str, &str); 4] = [
     ("Happy Buddha", "happy_buddha/happy_buddha.ply"),
 ];
 
+/// Key, in what is kept of a build's report, of the builder's checksum.
+const BUILDER: &str = "builder_crc32";
+
+/// Checksum of the builder that a record is of.
+fn recorded_builder(record: &Path) -> Option<u32> {
+    let record: Value = serde_json::from_slice(&std::fs::read(record).ok()?).ok()?;
+    u32::try_from(record.get(BUILDER)?.as_u64()?).ok()
+}
+
 /// What upper levels are built of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Levels {
@@ -104,7 +113,7 @@ impl Stock<'_> {
         Ok(self.file(&model.scan, (&model.name, model.is_statue), levels, say)?.0)
     }
 
-    /// The file, built with what `info` needs unless both are there from an earlier run.
+    /// The file, built unless it is there from an earlier run of the same builder.
     fn file(
         &self,
         scan: &Path,
@@ -115,7 +124,8 @@ impl Stock<'_> {
         let stem = scan.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let file = self.folder.join(format!("{stem}-{}.hlod", levels.name()));
         let record = self.folder.join(format!("{stem}-{}.build.json", levels.name()));
-        if !file.exists() || !record.exists() {
+        let builder = self.programs.checksum("hlod-build")?;
+        if !file.exists() || recorded_builder(&record) != Some(builder) {
             self.make_scan(scan, (name, is_statue), say)?;
             say(&format!("building {name}, levels of {}", levels.name()));
             let mut line =
@@ -124,7 +134,8 @@ impl Stock<'_> {
                 line = line.words("--unit mm");
             }
             let line = line.words("--force --representation").words(levels.name());
-            let printed = self.programs.json(&line)?;
+            let mut printed = self.programs.json(&line)?;
+            printed[BUILDER] = builder.into();
             let text = format!("{printed:#}\n");
             std::fs::write(&record, text).map_err(ReportError::io(&record, "write"))?;
         }

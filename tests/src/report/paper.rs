@@ -140,7 +140,7 @@ pub(super) fn frames(
             )),
             false => None,
         };
-        for size in extent.sizes {
+        for &(size, frames) in extent.sizes {
             for path in extent.paths {
                 say(&format!("frame rates: {}, {size}, {path}", model.name));
                 let sized = format!("--size {size}");
@@ -148,13 +148,13 @@ pub(super) fn frames(
                 let full = format!("{sized} --representation full");
                 let geometric = format!("{sized} --representation geometric");
                 let mut lines = vec![
-                    bench(&model.file, path, extent.frames, &sized),
+                    bench(&model.file, path, frames, &sized),
                     bench(&model.file, path, full_frames, &full),
-                    bench(&model.file, path, extent.frames, &geometric),
+                    bench(&model.file, path, frames, &geometric),
                 ];
                 if let Some((hybrid, points)) = &others {
-                    lines.push(bench(hybrid, path, extent.frames, &sized));
-                    lines.push(bench(points, path, extent.frames, &sized));
+                    lines.push(bench(hybrid, path, frames, &sized));
+                    lines.push(bench(points, path, frames, &sized));
                 }
                 let turns = Turns::take(stock.programs, &lines)?;
                 let cell = |command: usize| {
@@ -165,7 +165,7 @@ pub(super) fn frames(
                     format!("{} ({})", fixed(frames.fps, 1), fixed(frames.fps_min, 1))
                 };
                 let ratio = turns.ratio(0, 1);
-                if model.is_statue && *path == "orbit" && *size == "640x480" {
+                if model.is_statue && *path == "orbit" && size == "640x480" {
                     let name = format!("{}: levels ÷ full resolution, `orbit`", model.name);
                     // The target is stated for 28 M triangles, and larger ones can only do better.
                     let least = (model.triangles > 2.5e7).then_some(50.0);
@@ -203,7 +203,7 @@ pub(super) fn growth(
         &["model", "triangles", "ms", "times the first", "drawn"],
     );
     let lines: Vec<Line> =
-        statues.iter().map(|model| bench(&model.file, "orbit", extent.frames, "")).collect();
+        statues.iter().map(|model| bench(&model.file, "orbit", extent.sizes[0].1, "")).collect();
     let turns = Turns::take(stock.programs, &lines)?;
     for (i, model) in statues.iter().enumerate() {
         let (frames, times) = (turns.frames(i), turns.ratio(0, i));
@@ -243,9 +243,9 @@ pub(super) fn lights(
     for (i, model) in models.iter().enumerate() {
         for path in extent.paths {
             say(&format!("light types: {}, {path}", model.name));
-            let line = |kind: &&str| {
-                bench(&model.file, path, extent.light_frames, &format!("--shadow {kind}"))
-            };
+            let is_last = i + 1 == models.len();
+            let frames = if is_last { extent.curve_frames } else { extent.light_frames };
+            let line = |kind: &&str| bench(&model.file, path, frames, &format!("--shadow {kind}"));
             let lines: Vec<Line> = kinds.iter().map(line).collect();
             let turns = Turns::take(stock.programs, &lines)?;
             let frames = [0, 1, 2].map(|kind| turns.frames(kind));
@@ -259,7 +259,6 @@ pub(super) fn lights(
                 ratios.push(ratio);
             }
             section.row(row);
-            let is_last = i + 1 == models.len();
             if is_last {
                 let name = format!("frame-times-{path}.svg");
                 let curves: Vec<Curve<'_>> = kinds

@@ -7,11 +7,13 @@ use std::process::Command;
 use serde_json::Value;
 
 use super::error::ReportError;
+use super::kept::Kept;
 
-/// Where `hlod-build` and `hlod-render` are.
+/// Where `hlod-build` and `hlod-render` are, and what they measured before.
 #[derive(Debug, Clone)]
 pub struct Programs {
     folder: PathBuf,
+    kept: Option<Kept>,
 }
 
 /// A command line: a program's name, then its arguments.
@@ -48,12 +50,35 @@ impl Programs {
     pub fn beside_this_one() -> Result<Programs, ReportError> {
         let this = std::env::current_exe().map_err(ReportError::io(Path::new("."), "find"))?;
         let folder = this.parent().unwrap_or(Path::new(".")).to_owned();
-        Ok(Programs { folder })
+        Ok(Programs { folder, kept: None })
+    }
+
+    /// The same, keeping what is measured in a folder; what is there already counts if `goes_on`.
+    pub(super) fn keeping(&self, kept: PathBuf, goes_on: bool) -> Result<Programs, ReportError> {
+        let programs = [self.checksum("hlod-build")?, self.checksum("hlod-render")?];
+        let kept = Kept::open(kept, programs, goes_on)?;
+        Ok(Programs { folder: self.folder.clone(), kept: Some(kept) })
+    }
+
+    /// Tells whether a program is still the same.
+    pub(super) fn checksum(&self, name: &str) -> Result<u32, ReportError> {
+        let path = self.path(name.as_ref());
+        let bytes = std::fs::read(&path).map_err(ReportError::io(&path, "read"))?;
+        Ok(crc32fast::hash(&bytes))
+    }
+
+    fn path(&self, name: &OsStr) -> PathBuf {
+        self.folder.join(name).with_extension(std::env::consts::EXE_EXTENSION)
+    }
+
+    /// How many outputs are of earlier runs, and how many there are.
+    pub(super) fn kept(&self) -> (usize, usize) {
+        self.kept.as_ref().map_or((0, 0), Kept::counts)
     }
 
     /// Runs a command line to its end.
     pub(super) fn run(&self, line: &Line) -> Result<Vec<u8>, ReportError> {
-        let program = self.folder.join(&line.0[0]).with_extension(std::env::consts::EXE_EXTENSION);
+        let program = self.path(&line.0[0]);
         let mut command = Command::new(&program);
         let output = command
             .args(&line.0[1..])
@@ -78,6 +103,26 @@ impl Programs {
         let printed = self.run(&line)?;
         serde_json::from_slice(&printed)
             .map_err(|error| ReportError::unexpected(line.text(), error))
+    }
+
+    /// As [`Self::json`], or what was kept of it.
+    pub(super) fn measured(&self, line: &Line) -> Result<Value, ReportError> {
+        let mut values = self.round(std::slice::from_ref(line), 0)?;
+        values.pop().ok_or_else(|| ReportError::unexpected(line.text(), "was kept without output"))
+    }
+
+    /// What command lines print one after the other, or what was kept of this round of them.
+    pub(super) fn round(&self, lines: &[Line], round: usize) -> Result<Vec<Value>, ReportError> {
+        let measure = || lines.iter().map(|line| self.json(line)).collect();
+        let Some(kept) = &self.kept else { return measure() };
+        let number = [OsString::from(round.to_string())];
+        let mut key: Vec<&[OsString]> = vec![&number];
+        key.extend(lines.iter().map(|line| line.0.as_slice()));
+        let values = kept.or_measure(&key, measure)?;
+        match values.len() == lines.len() {
+            true => Ok(values),
+            false => Err(ReportError::unexpected(lines[0].text(), "was kept in part")),
+        }
     }
 }
 

@@ -57,8 +57,8 @@ pub(super) struct Turns {
 impl Turns {
     /// Runs benchmarks one after the other, [`ROUNDS`] times.
     pub(super) fn take(programs: &Programs, lines: &[Line]) -> Result<Turns, ReportError> {
-        let round = || lines.iter().map(|line| Frames::of(&programs.json(line)?)).collect();
-        let rounds = (0..ROUNDS).map(|_| round()).collect::<Result<_, ReportError>>()?;
+        let round = |i| programs.round(lines, i)?.iter().map(Frames::of).collect();
+        let rounds = (0..ROUNDS).map(round).collect::<Result<_, ReportError>>()?;
         Ok(Turns { rounds })
     }
 
