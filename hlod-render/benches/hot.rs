@@ -9,12 +9,12 @@ use glam::{DMat4, DVec3};
 use hlod_compress::{HlodFile, RepresentationKind};
 use hlod_render::camera::Camera;
 use hlod_render::casters::ahead::{CastersAhead, Outlook, SLICE_ENDS, receivers_of};
-use hlod_render::casters::{CasterView, Casting, select_casters};
+use hlod_render::casters::{CasterView, Casting, Receiver, select_casters};
 use hlod_render::framing::Framing;
 use hlod_render::need::{Need, Pace, Plan};
 use hlod_render::path::CameraPath;
 use hlod_render::scene::{CASTER_THRESHOLD_PX, INTENSITY_STEP, Light};
-use hlod_render::select::{Selection, View, corners, select};
+use hlod_render::select::{Selection, View, select};
 use hlod_render::skeleton::{ChildLink, Skeleton};
 
 const SIZE: (u32, u32) = (640, 480);
@@ -131,11 +131,8 @@ fn select_casters_of_a_front(bencher: Bencher<'_, '_>) {
     let view = View::new(camera, scene.world_from_model, SIZE.0, SIZE.1);
     let front = select(&scene.skeleton, &view, SELECTION, &|_, _| true);
     let placed = scene.world_from_model;
-    let box_of = |n: u32| {
-        let node = &scene.skeleton.nodes()[n as usize];
-        (node.depth, corners(node.min, node.max).map(|p| placed.transform_point3(p)))
-    };
-    let boxes: Vec<_> = front.draws.iter().map(|draw| box_of(draw.node)).collect();
+    let drawn = front.draws.iter().map(|draw| &scene.skeleton.nodes()[draw.node as usize]);
+    let boxes: Vec<_> = drawn.map(|node| Receiver::of(node, &placed)).collect();
     bencher.bench_local(|| {
         let view = CasterView::new(&CASTING, camera, SIZE, &boxes, placed);
         select_casters(&scene.skeleton, &view, &|_, _| true)
