@@ -32,21 +32,30 @@ pub enum AdapterChoice {
     Software,
 }
 
+fn headless_adapter(choice: AdapterChoice) -> Result<wgpu::Adapter, RenderError> {
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+    pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions {
+        power_preference: wgpu::PowerPreference::HighPerformance,
+        force_fallback_adapter: choice == AdapterChoice::Software,
+        compatible_surface: None,
+        ..Default::default()
+    }))
+    .map_err(|e| RenderError::NoAdapter(e.to_string()))
+}
+
 impl Gpu {
     /// Opens an adapter without a window.
     ///
     /// # Errors
     /// When there is none, or it lacks something.
     pub fn headless(choice: AdapterChoice) -> Result<Gpu, RenderError> {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
-        let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions {
-            power_preference: wgpu::PowerPreference::HighPerformance,
-            force_fallback_adapter: choice == AdapterChoice::Software,
-            compatible_surface: None,
-            ..Default::default()
-        }))
-        .map_err(|e| RenderError::NoAdapter(e.to_string()))?;
-        Gpu::open(&adapter)
+        Gpu::open(&headless_adapter(choice)?)
+    }
+
+    /// The same, with no binding larger than so many bytes. For tests of what happens where much is drawn.
+    #[doc(hidden)]
+    pub fn headless_binding(choice: AdapterChoice, bytes: u64) -> Result<Gpu, RenderError> {
+        Gpu::with_binding(&headless_adapter(choice)?, bytes)
     }
 
     /// Opens an adapter that was chosen elsewhere (for a window).
@@ -54,11 +63,15 @@ impl Gpu {
     /// # Errors
     /// When it lacks something.
     pub fn open(adapter: &wgpu::Adapter) -> Result<Gpu, RenderError> {
+        Gpu::with_binding(adapter, u64::MAX)
+    }
+
+    fn with_binding(adapter: &wgpu::Adapter, bytes: u64) -> Result<Gpu, RenderError> {
         let info = adapter.get_info();
         let supported = adapter.limits();
         // Geometry lies in storage buffers as large as the adapter allows.
         let limits = wgpu::Limits {
-            max_storage_buffer_binding_size: supported.max_storage_buffer_binding_size,
+            max_storage_buffer_binding_size: supported.max_storage_buffer_binding_size.min(bytes),
             max_buffer_size: supported.max_buffer_size,
             max_texture_dimension_2d: supported.max_texture_dimension_2d,
             ..wgpu::Limits::default()

@@ -4,7 +4,6 @@ struct Chunk {
     first: u32,
     count: u32,
     draw: u32,
-    large: u32,
     // How far the triangles may be from the scan's, world space.
     error: f32,
     level: u32,

@@ -11,9 +11,8 @@ struct Chunk {
     // Triangles of the arena.
     first: u32,
     count: u32,
-    // Which draw, and where in the list, triangles go that are left to fixed function.
+    // To which draw triangles go that are left to fixed function.
     draw: u32,
-    large: u32,
     // See shadow.wgsl.
     error: f32,
     // Which radii points have.
@@ -23,6 +22,7 @@ struct Chunk {
 @group(1) @binding(0) var<storage, read_write> pixels: array<atomic<u64>>;
 // size.w of the frame says where this arena's begin; the last one is followed by an empty one.
 @group(1) @binding(1) var<storage, read> chunks: array<Chunk>;
+// What is left, of this arena.
 @group(1) @binding(2) var<storage, read_write> large: array<u32>;
 // Four numbers a draw, the first of which counts corners.
 @group(1) @binding(3) var<storage, read_write> draws: array<atomic<u32>>;
@@ -88,7 +88,7 @@ fn small_point(chunk: Chunk, number: u32) {
         return;
     }
     if p.extent > POINT_EXTENT_MAX {
-        let slot = chunk.large + atomicAdd(&draws[4u * chunk.draw], 3u) / 3u;
+        let slot = atomicAdd(&draws[4u * chunk.draw], 3u) / 3u;
         large[slot] = number | (chunk.level << LEVEL_SHIFT);
         return;
     }
@@ -141,7 +141,7 @@ fn small_triangle(chunk: Chunk, triangle: u32) {
     }
     to_fixed = to_fixed || !all(high - low < vec2(extent_max - 2.0));
     if to_fixed {
-        let slot = chunk.large + atomicAdd(&draws[4u * chunk.draw], 3u) / 3u;
+        let slot = atomicAdd(&draws[4u * chunk.draw], 3u) / 3u;
         large[slot] = triangle | (chunk.count & CULLED);
         return;
     }

@@ -148,7 +148,7 @@ fn spread(
     let chunk = chunks[min(frame.size.w, arrayLength(&chunks) - 1u)];
     let count = atomicLoad(&draws[4u * chunk.draw]) / 3u;
     for (var n = group.x; n < count; n += groups.x) {
-        let entry = large[chunk.large + n];
+        let entry = large[n];
         let number = entry & NUMBER;
         if is_point(number) {
             spread_point(entry, group.y, groups.y, i);

@@ -8,7 +8,7 @@ use hlod_render::scene::{
     BACKGROUND, CASTER_THRESHOLD_PX, INTENSITY_STEP, Light, Material, Paint, Representation,
     Shadow, Shot, light_from_angles,
 };
-use hlod_render::{Gpu, Model, ModelLimits, frame::Renderer};
+use hlod_render::{AdapterChoice, Gpu, Model, ModelLimits, frame::Renderer};
 use hlod_tests::{built, bumpy_ball, gpu, scan};
 
 struct Ball {
@@ -158,6 +158,26 @@ fn compute_and_fixed_function_show_the_same() {
         let deep = (0..fixed.len()).filter(|&p| small[p] == fixed[p]).filter(deep).count();
         assert_eq!(deep, 0, "depths at {distance}");
     }
+}
+
+/// More triangles than one binding could list: each arena has its own list.
+#[test]
+fn any_number_of_triangles_is_drawn() {
+    const BINDING_BYTES: u64 = 1 << 19;
+    let mut b = ball(300);
+    let mut shot = shot(&b.framing, Representation::Full);
+    shot.draw_backs = true;
+    let mut renderer = Renderer::new(&b.gpu, PICTURE_FORMAT);
+    let (_, depths) = layers(&mut b, &mut renderer, &shot);
+    b.gpu = Gpu::headless_binding(AdapterChoice::Software, BINDING_BYTES).unwrap();
+    let file = b.folder.path().join("ball.hlod");
+    b.models = [Model::open(&b.gpu, &file, ModelLimits::default()).unwrap()];
+    let mut renderer = Renderer::new(&b.gpu, PICTURE_FORMAT);
+    let (_, in_small_bindings) = layers(&mut b, &mut renderer, &shot);
+    let canvas = Canvas::new(&b.gpu, 64, 64).unwrap();
+    let stats = renderer.render_complete(&b.gpu, &mut b.models, &shot, &canvas.targets).unwrap();
+    assert!(4 * stats.triangles > BINDING_BYTES, "{}", stats.triangles);
+    assert!(depths.iter().any(|depth| *depth > 0.0) && depths == in_small_bindings);
 }
 
 /// From so near that triangles of some ten pixels, which are drawn in compute, lie beside such of fifty, which are not: what

@@ -20,7 +20,6 @@ pub(super) struct Chunk {
     first: u32,
     count: u32,
     draw: u32,
-    large: u32,
     error: f32,
     level: u32,
 }
@@ -34,37 +33,28 @@ pub(super) struct Chunks {
     pub(super) firsts: Vec<u32>,
     /// And how many it has.
     pub(super) counts: Vec<u32>,
-    /// How many triangles those before it have.
-    pub(super) first_in_list: Vec<u32>,
-    /// Of all.
-    pub(super) triangles: u32,
+    /// And how many triangles.
+    pub(super) triangles: Vec<u32>,
 }
 
 impl Chunks {
     /// `ranges` come in the order of their uniforms.
     pub(super) fn new(uniform_count: usize, ranges: &[&Range]) -> Chunks {
         let zeros = || vec![0; uniform_count];
-        let mut all = Chunks {
-            chunks: Vec::new(),
-            firsts: zeros(),
-            counts: zeros(),
-            first_in_list: zeros(),
-            triangles: 0,
-        };
+        let mut all =
+            Chunks { chunks: Vec::new(), firsts: zeros(), counts: zeros(), triangles: zeros() };
         for group in ranges.chunk_by(|a, b| a.uniform == b.uniform) {
             let uniform = group[0].uniform;
             let first = all.chunks.len();
-            let large = all.triangles;
             for range in group {
                 let culled = if range.cull_backs { CULLED } else { 0 };
                 let marks = culled | if range.points_level.is_some() { POINTS } else { 0 };
                 let std::ops::Range { start, end } = range.triangles;
-                all.triangles += end - start;
+                all.triangles[uniform] += end - start;
                 all.chunks.extend((start..end).step_by(CHUNK as usize).map(|first| Chunk {
                     first,
                     count: (end - first).min(CHUNK) | marks,
                     draw: uniform as u32,
-                    large,
                     error: range.error,
                     level: range.points_level.unwrap_or(0),
                 }));
@@ -72,7 +62,6 @@ impl Chunks {
             let count = (all.chunks.len() - first) as u32;
             all.firsts[uniform] = first as u32;
             all.counts[uniform] = count;
-            all.first_in_list[uniform] = large;
             let rows = count.div_ceil(ROW);
             let padded = rows * count.div_ceil(rows.max(1));
             all.chunks.resize(first + padded as usize, Chunk::default());
@@ -107,10 +96,10 @@ mod tests {
         let ranges = [range(0, 5..200, true), range(2, 0..64, false), range(2, 100..101, false)];
         let chunks = Chunks::new(3, &ranges.iter().collect::<Vec<_>>());
         assert_eq!((chunks.firsts, chunks.counts), (vec![0, 0, 4], vec![4, 0, 2]));
-        assert_eq!((chunks.first_in_list, chunks.triangles), (vec![0, 0, 195], 260));
+        assert_eq!(chunks.triangles, [195, 0, 65]);
         let [.., before, last] = chunks.chunks[..] else { panic!() };
         let count = 1 | POINTS;
-        let expected = Chunk { first: 100, count, draw: 2, large: 195, error: 0.5, level: 1 };
+        let expected = Chunk { first: 100, count, draw: 2, error: 0.5, level: 1 };
         assert_eq!(before, expected);
         assert_eq!(last, Chunk::default());
         assert_eq!(chunks.chunks[3].count, (195 - 3 * 64) | CULLED);

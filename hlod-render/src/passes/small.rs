@@ -26,8 +26,8 @@ pub(super) struct SmallTriangles {
     /// A word of 64 bits a pixel.
     pixels: wgpu::Buffer,
     chunks: wgpu::Buffer,
-    /// Triangles left to fixed function.
-    list: wgpu::Buffer,
+    /// Triangles left to fixed function, of each arena: of all arenas together they would not fit into a binding.
+    lists: Vec<wgpu::Buffer>,
     /// Indirect draws of these, one for each arena.
     draws: wgpu::Buffer,
 }
@@ -35,8 +35,9 @@ pub(super) struct SmallTriangles {
 /// What one frame gives to the passes.
 pub(super) struct Work {
     chunks: Chunks,
-    compute: wgpu::BindGroup,
-    list: wgpu::BindGroup,
+    /// Of each arena.
+    compute: Vec<wgpu::BindGroup>,
+    lists: Vec<wgpu::BindGroup>,
     words: wgpu::BindGroup,
 }
 
@@ -84,7 +85,7 @@ impl SmallTriangles {
             list_layout,
             pixels: buffer(gpu, "pixels", 8, usage),
             chunks: buffer(gpu, "chunks", 1 << 16, usage),
-            list: buffer(gpu, "large triangles", 1 << 16, usage),
+            lists: Vec::new(),
             draws: buffer(gpu, "large draws", 256, usage | wgpu::BufferUsages::INDIRECT),
         })
     }
@@ -103,8 +104,7 @@ impl SmallTriangles {
         targets: &Targets,
     ) -> Work {
         let chunks = Chunks::new(uniform_count, ranges);
-        let draws: Vec<[u32; 4]> =
-            chunks.first_in_list.iter().map(|&first| [0, 1, 3 * first, 0]).collect();
+        let draws = vec![[0, 1, 0, 0u32]; uniform_count];
         write_growing(gpu, &mut self.chunks, bytemuck::cast_slice(&chunks.chunks));
         write_growing(gpu, &mut self.draws, bytemuck::cast_slice(&draws));
         let usage = wgpu::BufferUsages::STORAGE;
@@ -114,25 +114,34 @@ impl SmallTriangles {
             }
         };
         grow(&mut self.pixels, "pixels", pixel_bytes(targets));
-        grow(
-            &mut self.list,
-            "large triangles",
-            4 * u64::from(chunks.triangles).next_power_of_two(),
-        );
+        for (i, &triangles) in chunks.triangles.iter().enumerate() {
+            let bytes = 4 * u64::from(triangles).next_power_of_two();
+            match self.lists.get_mut(i) {
+                Some(list) => grow(list, "large triangles", bytes),
+                None => self.lists.push(buffer(gpu, "large triangles", bytes, usage)),
+            }
+        }
         let group = |label, layout, entries: &[wgpu::BindGroupEntry<'_>]| {
             let descriptor = wgpu::BindGroupDescriptor { label: Some(label), layout, entries };
             gpu.device.create_bind_group(&descriptor)
         };
-        let compute = [
-            entry(0, &self.pixels),
-            entry(1, &self.chunks),
-            entry(2, &self.list),
-            entry(3, &self.draws),
-        ];
+        let compute = |list| {
+            let entries = [
+                entry(0, &self.pixels),
+                entry(1, &self.chunks),
+                entry(2, list),
+                entry(3, &self.draws),
+            ];
+            group("small", &self.compute_layout, &entries)
+        };
+        let lists = &self.lists[..uniform_count];
         Work {
             chunks,
-            compute: group("small", &self.compute_layout, &compute),
-            list: group("large", &self.list_layout, &[entry(0, &self.list)]),
+            compute: lists.iter().map(compute).collect(),
+            lists: lists
+                .iter()
+                .map(|list| group("large", &self.list_layout, &[entry(0, list)]))
+                .collect(),
             words: group("resolve", &self.list_layout, &[entry(0, &self.pixels)]),
         }
     }
@@ -151,9 +160,9 @@ impl SmallTriangles {
             timestamp_writes: None,
         });
         pass.set_pipeline(&self.small);
-        pass.set_bind_group(1, &work.compute, &[]);
         for (uniform, &(bind_group, offset)) in geometry.iter().enumerate() {
             pass.set_bind_group(0, bind_group, &[offset]);
+            pass.set_bind_group(1, &work.compute[uniform], &[]);
             work.chunks.dispatch(&mut pass, uniform);
         }
         if targets.window().is_part {
@@ -161,6 +170,7 @@ impl SmallTriangles {
             for (uniform, &(bind_group, offset)) in geometry.iter().enumerate() {
                 if work.chunks.counts[uniform] > 0 {
                     pass.set_bind_group(0, bind_group, &[offset]);
+                    pass.set_bind_group(1, &work.compute[uniform], &[]);
                     pass.dispatch_workgroups(SPREAD_GROUPS, SPREAD_STRIPES, 1);
                 }
             }
@@ -176,10 +186,10 @@ impl SmallTriangles {
         targets: &Targets,
     ) {
         pass.set_pipeline(&self.large);
-        pass.set_bind_group(1, &work.list, &[]);
         for (i, &(bind_group, offset)) in geometry.iter().enumerate() {
             if work.chunks.counts[i] > 0 && !targets.window().is_part {
                 pass.set_bind_group(0, bind_group, &[offset]);
+                pass.set_bind_group(1, &work.lists[i], &[]);
                 pass.draw_indirect(&self.draws, 16 * i as u64);
             }
         }
