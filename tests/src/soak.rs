@@ -27,8 +27,8 @@ pub struct SoakOptions {
     pub cache_bytes: u64,
     /// The statue is closed and opened again after so many frames.
     pub frames_a_model: u32,
-    /// Before the session begins each kind of picture is drawn from so many places, so that drivers have made what they
-    /// keep, at its largest.
+    /// Before the session begins the statue is opened for each kind of picture, which is drawn from so many places, so
+    /// that drivers have made what they keep, at its largest.
     pub warm_up_places: u32,
     /// Seed of the path.
     pub seed: u64,
@@ -95,9 +95,12 @@ pub fn soak(
     let mut renderer = Renderer::new(gpu, PICTURE_FORMAT);
     let mut models = [Model::open(gpu, file, limits)?];
     let mut path = Wandering::new(Framing::of(&models[0]), options);
-    for shot in path.warm_up(options.warm_up_places) {
-        renderer.render(gpu, &mut models, &shot, &canvas.targets)?;
-        gpu.wait()?;
+    for shots in path.warm_up(options.warm_up_places) {
+        models = [Model::open(gpu, file, limits)?];
+        for shot in shots {
+            renderer.render(gpu, &mut models, &shot, &canvas.targets)?;
+            gpu.wait()?;
+        }
     }
     let tenth = (options.frames / 10).max(1);
     let mut report = SoakReport {
@@ -186,7 +189,7 @@ impl Wandering {
     }
 
     /// Every kind of picture from so many places, a few frames each, in which parts arrive.
-    fn warm_up(&mut self, places: u32) -> Vec<Shot> {
+    fn warm_up(&mut self, places: u32) -> Vec<Vec<Shot>> {
         const FRAMES: u32 = 4;
         let kinds = [
             (Shadow::None, None),
@@ -194,15 +197,16 @@ impl Wandering {
             (Shadow::Hard, None),
             (Shadow::Soft, None),
         ];
-        let mut shots = Vec::new();
-        for (shadow, cut) in kinds {
+        let mut of_kind = |(shadow, cut)| {
+            let mut shots = Vec::new();
             for _ in 0..places {
                 let [eye, target] = self.place();
                 let shot = Moment { eye, target, shadow, cut, light_turn_deg: self.unit() * 180.0 };
                 shots.extend((0..FRAMES).map(|_| shot.shot(&self.framing)));
             }
-        }
-        shots
+            shots
+        };
+        kinds.map(&mut of_kind).into()
     }
 
     fn next_shot(&mut self) -> Shot {
