@@ -67,8 +67,6 @@ pub(crate) struct Extent {
     sizes: &'static [(&'static str, u32)],
     paths: &'static [&'static str],
     light_frames: u32,
-    /// Along each path of the model that figure 7 is of.
-    curve_frames: u32,
     views: u32,
     seam_views: u32,
 }
@@ -78,9 +76,8 @@ const FULL: Extent = Extent {
     sizes: &[("640x480", 12), ("1920x1080", 6)],
     paths: &["orbit", "approach", "sweep"],
     light_frames: 12,
-    curve_frames: 30,
-    views: 6,
-    seam_views: 60,
+    views: 3,
+    seam_views: 20,
 };
 
 const QUICK: Extent = Extent {
@@ -88,7 +85,6 @@ const QUICK: Extent = Extent {
     sizes: &[("640x480", 12)],
     paths: &["orbit"],
     light_frames: 16,
-    curve_frames: 16,
     views: 1,
     seam_views: 12,
 };

@@ -73,6 +73,20 @@ impl Turns {
     pub(super) fn ratio(&self, a: usize, b: usize) -> f64 {
         median(self.rounds.iter().map(|round| round[b].ms / round[a].ms).collect())
     }
+
+    /// The same of the places along the path that `b`, which has fewer frames, shares with `a`; NaN where its number of
+    /// frames does not divide the other, so that they are elsewhere.
+    pub(super) fn ratio_at_shared(&self, a: usize, b: usize) -> f64 {
+        let ratio = |round: &Vec<Frames>| {
+            let (all, few) = (&round[a].times_ms, &round[b].times_ms);
+            if few.is_empty() || all.len() % few.len() != 0 {
+                return f64::NAN;
+            }
+            let shared = all.iter().step_by(all.len() / few.len());
+            median(few.clone()) / median(shared.copied().collect())
+        };
+        median(self.rounds.iter().map(ratio).collect())
+    }
 }
 
 /// The middle of numbers; NaN of none.
@@ -103,5 +117,17 @@ mod tests {
         assert_eq!(turns.ratio(0, 1), 2.0);
         assert!((turns.frames(1).ms - 22.0).abs() < 1e-9);
         assert_eq!(turns.frames(0).times_ms, [11.0, 22.0]);
+    }
+
+    #[test]
+    fn ratios_of_fewer_frames_are_of_those_places_alone() {
+        // Every other frame is slow, and those are the ones that the other command has.
+        let of = |times_ms: &[f64]| Frames { times_ms: times_ms.to_vec(), ..frames(7.0) };
+        let turns = |few: &[f64]| Turns {
+            rounds: vec![vec![of(&[50.0, 1.0, 50.0, 1.0, 50.0, 1.0]), of(few)]],
+        };
+        assert_eq!(turns(&[100.0, 200.0, 150.0]).ratio_at_shared(0, 1), 3.0);
+        assert!(turns(&[100.0; 4]).ratio_at_shared(0, 1).is_nan());
+        assert!(turns(&[]).ratio_at_shared(0, 1).is_nan());
     }
 }
