@@ -4,9 +4,9 @@
 //! Round each visible node, as far as it is in the picture, lies a box along the world's axes. What hides
 //! none of it from the light lies outside all that is between the box and the light, which is tested exactly:
 //! on the way to the light a box shrinks to a point (to parallel light it only moves), and casters' boxes are
-//! met somewhere on it or nowhere. That is the same wherever a light is, in the box or far from it. A caster that is wrong by ε moves its
-//! shadow's edge by at most ε · (distance from the light to the receiver) ÷ (distance from the light to the
-//! caster), so it may be wrong by
+//! met somewhere on it or nowhere. That is the same wherever a light is, in the box or far from it. A caster
+//! that is wrong by ε moves its shadow's edge by at most ε · (distance from the light to the receiver) ÷
+//! (distance from the light to the caster), so it may be wrong by
 //!
 //! ```text
 //! ε_c = a · d_l,min ÷ D_max        parallel light: ε_c = a

@@ -184,7 +184,7 @@ pub(super) fn shadow_maps(
 ) -> Result<Section, ReportError> {
     let mut section = Section::new(
         "Shadow maps",
-        "Hard shadows with and without maps, of the same levels of detail. Maps but for the plain one are fitted to what \
+        "Hard shadows with and without maps, of the same levels of detail, on statues. Maps but for the plain one are fitted to what \
          is visible. Time of the median frame along `orbit`, 640×480 (`hlod-render bench`), all in turns, five rounds; edges against \
          rays (`hlod-render audit`), below 2 M triangles, τ = τ_c = 0.5 px: 99.9 % at up to 15° and 60° of incidence, \
          pixels dark or lit for no reason, and on how many a texel is longer than 0.35 px.",
