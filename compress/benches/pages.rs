@@ -8,8 +8,8 @@ use std::path::Path;
 use std::time::Instant;
 
 use hlod_compress::{
-    HlodFile, Mesh, OctNormal, PageContent, RepresentationKind, decode_page,
-    encode_mesh_with_account, encode_page,
+    HlodFile, Mesh, OctNormal, PageContent, PointRadius, Points, RepresentationKind, Scalars,
+    decode_page, encode_mesh_with_account, encode_page,
 };
 
 type Error = Box<dyn std::error::Error>;
@@ -19,7 +19,8 @@ fn main() -> Result<(), Error> {
     let files: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
     println!("one thread of {}", std::env::consts::ARCH);
     if files.is_empty() {
-        return measure("a synthetic relief", &[(relief(300), 0)]);
+        measure("a synthetic relief", &[(relief(300), 0)])?;
+        return measure_largest();
     }
     for file in &files {
         for (kind, name) in [
@@ -159,6 +160,91 @@ fn measure(what: &str, pages: &[(Mesh, u8)]) -> Result<(), Error> {
         vertices as f64 / triangles as f64
     );
     Ok(())
+}
+
+/// How long the largest pages hold up who decodes them: of as many primitives as there may be in one, all of
+/// whose attributes are noise, of so few bits that it fits the most bytes.
+fn measure_largest() -> Result<(), Error> {
+    println!("\nthe largest pages, of noise");
+    let most = 1 << 19;
+    let mut noise = Noise(1);
+    let mut sheet = relief(724);
+    (sheet.normals, sheet.colours, sheet.scalars) = noise.attributes(sheet.positions.len(), 8);
+    let (normals, colours, scalars) = noise.attributes(most, 4);
+    let positions = noise.positions(most);
+    let triangles = (0..2 * most).map(|i| noise.triangle((i / 2) as u32, most as u32)).collect();
+    let soup = Mesh { positions, normals, colours, scalars, triangles };
+    let (normals, colours, scalars) = noise.attributes(most, 2);
+    let radii = (0..most).map(|_| PointRadius(noise.bits(2) as u8)).collect();
+    let positions = noise.positions(most);
+    let points = Points { positions, normals, colours, scalars, radii, prefixes: Vec::new() };
+    for (name, mesh, points) in [
+        ("a sheet", &sheet, None),
+        ("a soup", &soup, None),
+        ("points", &Mesh::default(), Some(&points)),
+        ("a soup and points", &soup, Some(&points)),
+    ] {
+        let content =
+            PageContent { mesh: mesh.clone(), points: points.cloned().unwrap_or_default() };
+        let page = encode_page(&content, 0, 0)?;
+        let mut seconds = Vec::new();
+        for _ in 0..5 {
+            let begin = Instant::now();
+            let back = decode_page(&page)?;
+            seconds.push(begin.elapsed().as_secs_f64());
+            assert_eq!(back.mesh.triangles.len(), mesh.triangles.len());
+            assert_eq!(back.points.len(), content.points.len());
+        }
+        seconds.sort_by(f64::total_cmp);
+        println!(
+            " {name:<18} {:>8} triangles {:>8} vertices {:>8} points: {:>5.1} MB in {:.2} s",
+            mesh.triangles.len(),
+            mesh.positions.len(),
+            content.points.len(),
+            page.len() as f64 / 1e6,
+            seconds[2]
+        );
+    }
+    Ok(())
+}
+
+/// Knuth's 64-bit congruential generator.
+struct Noise(u64);
+
+impl Noise {
+    fn bits(&mut self, count: u32) -> u32 {
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> (64 - count)) as u32
+    }
+
+    fn attributes(
+        &mut self,
+        count: usize,
+        bits: u32,
+    ) -> (Vec<OctNormal>, Vec<[u8; 4]>, Vec<Scalars>) {
+        let normals = (0..count)
+            .map(|_| OctNormal::encode([0; 3].map(|_| self.bits(bits) as f32 - 1.5)))
+            .collect();
+        let colours = (0..count).map(|_| [0; 4].map(|_| self.bits(bits) as u8)).collect();
+        let scalars =
+            (0..count).map(|_| Scalars([0; 4].map(|_| 1 + self.bits(bits) as u16))).collect();
+        (normals, colours, scalars)
+    }
+
+    fn positions(&mut self, count: usize) -> Vec<[i32; 3]> {
+        (0..count).map(|_| [0; 3].map(|_| self.bits(10) as i32)).collect()
+    }
+
+    /// One with `corner` and two others.
+    fn triangle(&mut self, corner: u32, vertices: u32) -> [u32; 3] {
+        loop {
+            let [a, b] = [self.bits(31) % vertices, self.bits(31) % vertices];
+            if a != corner && b != corner && a != b {
+                return [corner, a, b];
+            }
+        }
+    }
 }
 
 /// Positions, normals and triangles, in the order in which triangles first use them, each behind its

@@ -10,8 +10,8 @@ use crate::{CellKey, FormatError, OctNormal, PageRef};
 /// No block is longer.
 pub const BLOCK_BYTES_MAX: usize = 64 * 1024;
 
-/// No page is longer, in bytes: several times what the largest that can be written takes.
-pub const PAGE_BYTES_MAX: u32 = 1 << 28;
+/// No page is longer, in bytes: hundreds of times what pages of scans take, and decoded within a second.
+pub const PAGE_BYTES_MAX: u32 = 1 << 25;
 
 /// Where a skeleton block lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

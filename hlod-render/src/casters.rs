@@ -136,6 +136,8 @@ pub struct CasterView {
     /// to it.
     source: [DVec3; 2],
     clusters: Vec<Cluster>,
+    /// Pixels that a unit of length shows at the nearest point of all.
+    pixels_most: f64,
     /// Nothing else is relevant than what may cast on these, too: those of a part of the picture.
     near: Option<Vec<Cluster>>,
 }
@@ -201,8 +203,10 @@ impl CasterView {
             Some(Frustum { bounds: [low, high], pixels, reach })
         };
         let mut clusters: BTreeMap<CellKey, Cluster> = BTreeMap::new();
+        let mut pixels_most = 0.0f64;
         for receiver in receivers {
             if let Some(frustum) = frustum(receiver) {
+                pixels_most = pixels_most.max(frustum.pixels[1]);
                 clusters.entry(receiver.cluster).or_insert(Cluster::EMPTY).add(frustum);
             }
         }
@@ -219,6 +223,7 @@ impl CasterView {
             light_moved: motion.light,
             source: [middle - around, middle + around],
             clusters: clusters.into_values().collect(),
+            pixels_most,
             near: None,
         }
     }
@@ -463,9 +468,7 @@ impl Measure for CasterView {
     }
 
     fn area_px(&self, node: &Node) -> f64 {
-        let frusta = self.clusters.iter().flat_map(|cluster| &cluster.frusta);
-        let pixels = frusta.map(|f| f.pixels[1]).fold(0.0, f64::max);
-        ((node.max - node.min).length() / 2.0 * self.scale * pixels).powi(2)
+        ((node.max - node.min).length() / 2.0 * self.scale * self.pixels_most).powi(2)
     }
 }
 

@@ -25,7 +25,7 @@ mod walk;
 
 use crate::bytes::{ByteReader, ByteWriter};
 use crate::entropy::{Coder, Decoder, Encoder, SYMBOLS_A_BYTE};
-use crate::{FormatError, Mesh, OctNormal, Points, SCALARS_MAX};
+use crate::{FormatError, Mesh, OctNormal, PAGE_BYTES_MAX, Points, SCALARS_MAX};
 use normals::{Expectation, best_expectation, code_normals};
 use points::{decode_points, encode_points, encoded_point_count};
 use values::shift_for;
@@ -38,9 +38,10 @@ const FLAG_COLOURS: u8 = 1;
 /// Where in the flags the number of scalars begins.
 const SCALARS_BIT: u32 = 1;
 
-/// Nothing larger is written or decoded.
-const VERTICES_MAX: u32 = 1 << 22;
-const TRIANGLES_MAX: u32 = 1 << 23;
+/// Nothing larger is written or decoded: eight of the largest leaves that can be asked for. With
+/// [`PAGE_BYTES_MAX`] it keeps what a page can cost its decoder below a second (`benches/pages.rs`).
+const VERTICES_MAX: u32 = 1 << 19;
+const TRIANGLES_MAX: u32 = 1 << 20;
 /// Residuals have at most so many plain low bits.
 const SHIFT_MAX: u32 = 24;
 
@@ -109,20 +110,22 @@ pub fn encode_page(
     point_shift: u8,
 ) -> Result<Vec<u8>, FormatError> {
     let PageContent { mesh, points } = content;
-    if points.is_empty() {
-        return encode_mesh(mesh, grid_shift);
-    }
-    if mesh.positions.is_empty() {
-        return encode_points(points, point_shift);
-    }
-    let triangles = encode_mesh(mesh, grid_shift)?;
-    let points = encode_points(points, point_shift)?;
-    let mut w = ByteWriter::default();
-    w.u8(TAG_BOTH);
-    w.u32(triangles.len() as u32);
-    w.put(&triangles);
-    w.put(&points);
-    Ok(w.bytes)
+    let page = if points.is_empty() {
+        encode_mesh(mesh, grid_shift)?
+    } else if mesh.positions.is_empty() {
+        encode_points(points, point_shift)?
+    } else {
+        let triangles = encode_mesh(mesh, grid_shift)?;
+        let points = encode_points(points, point_shift)?;
+        let mut w = ByteWriter::default();
+        w.u8(TAG_BOTH);
+        w.u32(triangles.len() as u32);
+        w.put(&triangles);
+        w.put(&points);
+        w.bytes
+    };
+    too_large("bytes", page.len(), PAGE_BYTES_MAX)?;
+    Ok(page)
 }
 
 /// Decodes a page. Its checksum is the caller's business, because the caller has it.
@@ -156,6 +159,7 @@ struct Parts<'a> {
 }
 
 fn parts(page: &[u8]) -> Result<Parts<'_>, FormatError> {
+    too_large("bytes", page.len(), PAGE_BYTES_MAX)?;
     let mut r = ByteReader::new("page", page);
     match r.u8()? {
         TAG_TRIANGLES => Ok(Parts { triangles: Some(page), points: None }),

@@ -20,7 +20,7 @@ use crate::entropy::{Coder, Decoder, Encoder, Model, SYMBOLS_A_BYTE};
 use crate::{FormatError, PointPrefix, PointRadius, Points, mean_code};
 
 /// Nothing larger is written or decoded.
-const POINTS_MAX: u32 = 1 << 22;
+const POINTS_MAX: u32 = 1 << 19;
 /// Numbers of points up to here have distributions of their own.
 const FEW: u32 = 15;
 /// From so many points before a point's attributes are predicted.

@@ -177,6 +177,15 @@ fn far_apart_is_an_error_or_survives() {
     assert!(matches!(encode_mesh(&mesh, 0), Err(FormatError::TooLarge { .. })));
 }
 
+#[test]
+fn more_bytes_than_a_page_may_have_are_not_looked_at() {
+    let page = vec![TAG_TRIANGLES; PAGE_BYTES_MAX as usize + 1];
+    for error in [decode_page(&page).unwrap_err(), encoded_counts(&page).unwrap_err()] {
+        assert!(matches!(error, FormatError::TooLarge { unit: "bytes", .. }), "{error}");
+    }
+    assert!(matches!(decode_page(&page[1..]), Err(FormatError::Malformed { .. })));
+}
+
 fn vertices_as_points(mesh: &Mesh) -> Points {
     let count = mesh.positions.len();
     let radii = |from: u8| (0..count).map(|i| PointRadius(from + (i % 5) as u8)).collect();

@@ -99,7 +99,7 @@ pub struct BuildArgs {
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=65536))]
     pub resolution: u32,
     /// Cells with more triangles are split.
-    #[arg(long, default_value_t = 16_384, value_parser = clap::value_parser!(u32).range(64..=1_000_000))]
+    #[arg(long, default_value_t = 16_384, value_parser = clap::value_parser!(u32).range(64..=131_072))]
     pub leaf_triangles: u32,
     /// Precision of the leaves in the scan's unit [default: the scan's own, where it is
     /// quantised, else a sixteenth of its short edges].
