@@ -94,8 +94,20 @@ pub struct BenchReport {
     pub bytes_drawn: u64,
     /// Most bytes of geometry on the GPU.
     pub resident_bytes_max: u64,
+    /// Mean milliseconds of a frame's stages: what the processor does before the GPU begins (`choose`), then each by the
+    /// GPU's clock, in order. Empty unless the GPU was opened to take them.
+    pub stages_ms: Vec<StageTime>,
     /// Each frame's time, for plots.
     pub frame_times_ms: Vec<f64>,
+}
+
+/// How long a stage took in the mean.
+#[derive(Debug, Clone, Serialize)]
+pub struct StageTime {
+    /// Its name.
+    pub stage: &'static str,
+    /// Milliseconds a frame.
+    pub ms: f64,
 }
 
 /// Of frame times in milliseconds.
@@ -182,6 +194,7 @@ pub fn bench(
         bytes_read: 0,
         bytes_drawn: 0,
         resident_bytes_max: 0,
+        stages_ms: Vec::new(),
         frame_times_ms: Vec::new(),
     };
     let (mut points, mut covered) = (0, 0);
@@ -194,8 +207,14 @@ pub fn bench(
         }
         let start = Instant::now();
         let stats = renderer.render(gpu, &mut models, &shot_at(frame), &canvas.targets)?;
+        let submitted = start.elapsed();
         gpu.wait()?;
         times.push(start.elapsed().as_secs_f64() * 1e3);
+        if gpu.is_timed {
+            let mut stages = vec![("choose", submitted.as_secs_f64() * 1e3)];
+            stages.extend(renderer.stage_times(gpu)?);
+            add_stages(&mut report.stages_ms, &stages, options.frames);
+        }
 
         report.primitives_mean +=
             (stats.triangles + stats.points) as f64 / f64::from(options.frames);
@@ -229,6 +248,16 @@ pub fn bench(
         return Err(gpu.error(format!("a part of the file is damaged: {problem}")));
     }
     Ok(report)
+}
+
+fn add_stages(means: &mut Vec<StageTime>, stages: &[(&'static str, f64)], frames: u32) {
+    for &(stage, ms) in stages {
+        let ms = ms / f64::from(frames);
+        match means.iter_mut().find(|mean| mean.stage == stage) {
+            Some(mean) => mean.ms += ms,
+            None => means.push(StageTime { stage, ms }),
+        }
+    }
 }
 
 /// In so many frames the pixels that points cover are counted, between the frames' times.

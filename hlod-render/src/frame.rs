@@ -347,6 +347,15 @@ impl Renderer {
         self.passes.whole().map_count(gpu)
     }
 
+    /// Milliseconds of each stage of the last frame by the GPU's clock, in order; none unless the device was opened with
+    /// [`Gpu::headless_timed`], or of statues that are cut open. Waits for the GPU.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub fn stage_times(&self, gpu: &Gpu) -> Result<Vec<(&'static str, f64)>, RenderError> {
+        self.passes.whole().stage_times(gpu)
+    }
+
     /// Parts of what cast shadows for which there was no room in a list, of all frames so far: they take longer, and are
     /// not lost. Waits for the GPU.
     ///

@@ -16,6 +16,8 @@ pub struct Gpu {
     /// Whether small triangles are rasterised in compute, which takes 64-bit atomics: where the
     /// adapter has them, unless this is set to false before a renderer is made.
     pub small_triangles: bool,
+    /// Whether it was opened to take the time of a frame's stages.
+    pub(crate) is_timed: bool,
     /// What first went wrong with the device, if anything has: nothing after it can be trusted.
     trouble: Arc<Mutex<Option<String>>>,
     /// Bytes of geometry that the adapter is taken to have left.
@@ -55,7 +57,16 @@ impl Gpu {
     /// The same, with no binding larger than so many bytes. For tests of what happens where much is drawn.
     #[doc(hidden)]
     pub fn headless_binding(choice: AdapterChoice, bytes: u64) -> Result<Gpu, RenderError> {
-        Gpu::with_binding(&headless_adapter(choice)?, bytes)
+        Gpu::with(&headless_adapter(choice)?, bytes, false)
+    }
+
+    /// The same, to take the time of a frame's stages ([`crate::frame::Renderer::stage_times`]), which itself takes a
+    /// little.
+    ///
+    /// # Errors
+    /// Also when the adapter has no clock for stages.
+    pub fn headless_timed(choice: AdapterChoice) -> Result<Gpu, RenderError> {
+        Gpu::with(&headless_adapter(choice)?, u64::MAX, true)
     }
 
     /// Opens an adapter that was chosen elsewhere (for a window).
@@ -63,10 +74,10 @@ impl Gpu {
     /// # Errors
     /// When it lacks something.
     pub fn open(adapter: &wgpu::Adapter) -> Result<Gpu, RenderError> {
-        Gpu::with_binding(adapter, u64::MAX)
+        Gpu::with(adapter, u64::MAX, false)
     }
 
-    fn with_binding(adapter: &wgpu::Adapter, bytes: u64) -> Result<Gpu, RenderError> {
+    fn with(adapter: &wgpu::Adapter, bytes: u64, is_timed: bool) -> Result<Gpu, RenderError> {
         let info = adapter.get_info();
         let supported = adapter.limits();
         // Geometry lies in storage buffers as large as the adapter allows.
@@ -78,7 +89,16 @@ impl Gpu {
         };
         let atomics = wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX;
         let small_triangles = adapter.features().contains(atomics);
-        let required_features = if small_triangles { atomics } else { wgpu::Features::empty() };
+        let clock = wgpu::Features::TIMESTAMP_QUERY
+            | wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS
+            | wgpu::Features::TIMESTAMP_QUERY_INSIDE_PASSES;
+        if is_timed && !adapter.features().contains(clock) {
+            let why = "it has no clock for the stages of a frame".to_string();
+            return Err(RenderError::Gpu { adapter: info.name, why });
+        }
+        let mut required_features = wgpu::Features::empty();
+        required_features.set(atomics, small_triangles);
+        required_features.set(clock, is_timed);
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("hlod-render"),
             required_features,
@@ -99,7 +119,7 @@ impl Gpu {
             note(&of_loss, format!("its device was lost ({reason:?}){why}"));
         });
         let geometry_left = AtomicU64::new(u64::MAX);
-        Ok(Gpu { device, queue, info, small_triangles, trouble, geometry_left })
+        Ok(Gpu { device, queue, info, small_triangles, is_timed, trouble, geometry_left })
     }
 
     /// That nothing has gone wrong with the device so far: a driver that failed, a GPU that was taken away,

@@ -180,6 +180,42 @@ fn any_number_of_triangles_is_drawn() {
     assert!(depths.iter().any(|depth| *depth > 0.0) && depths == in_small_bindings);
 }
 
+/// The stages of a frame add up to less than the frame, and only a device opened for it tells them.
+#[test]
+fn stages_of_a_frame_are_timed_where_that_was_asked_for() {
+    let mut b = ball(60);
+    let stages_of = |b: &mut Ball, shot: &Shot| -> (Vec<&str>, f64) {
+        b.models =
+            [Model::open(&b.gpu, &b.folder.path().join("ball.hlod"), ModelLimits::default())
+                .unwrap()];
+        let canvas = Canvas::new(&b.gpu, 96, 96).unwrap();
+        let mut renderer = Renderer::new(&b.gpu, PICTURE_FORMAT);
+        let begin = std::time::Instant::now();
+        renderer.render_complete(&b.gpu, &mut b.models, shot, &canvas.targets).unwrap();
+        b.gpu.wait().unwrap();
+        let whole_ms = begin.elapsed().as_secs_f64() * 1e3;
+        let stages = renderer.stage_times(&b.gpu).unwrap();
+        let sum = stages.iter().map(|(_, ms)| ms).sum::<f64>();
+        assert!(sum < whole_ms, "{stages:?} in {whole_ms} ms");
+        (stages.iter().map(|(stage, _)| *stage).collect(), sum)
+    };
+    let mut shot = shot(&b.framing, Representation::Hybrid);
+    assert_eq!(stages_of(&mut b, &shot), (Vec::new(), 0.0));
+    b.gpu = Gpu::headless_timed(AdapterChoice::Software).unwrap();
+    let surface = ["small triangles", "surface", "shade"];
+    let (names, sum) = stages_of(&mut b, &shot);
+    assert_eq!(names, surface);
+    assert!(sum > 0.0);
+    shot.shadow = Shadow::Hard;
+    let hard = ["small triangles", "surface", "samples", "casters", "large casters", "shade"];
+    assert_eq!(stages_of(&mut b, &shot).0, hard);
+    shot.shadow = Shadow::Soft;
+    shot.light_size = 3.0f64.to_radians();
+    let soft =
+        ["small triangles", "surface", "samples", "casters", "large casters", "settle", "shade"];
+    assert_eq!(stages_of(&mut b, &shot).0, soft);
+}
+
 /// From so near that triangles of some ten pixels, which are drawn in compute, lie beside such of fifty, which are not: what
 /// they share is missed by neither.
 #[test]

@@ -39,14 +39,22 @@ pub struct Cli {
 impl Cli {
     /// The GPU as it was asked for.
     pub fn gpu(&self, draw: &DrawArgs) -> Result<Gpu, RenderError> {
-        let mut gpu = Gpu::headless(self.adapter())?;
-        gpu.small_triangles &= !draw.fixed_function;
-        Ok(gpu)
+        Ok(passes_of(Gpu::headless(self.adapter())?, draw))
+    }
+
+    /// The same, to take the time of a frame's stages.
+    pub fn timed_gpu(&self, draw: &DrawArgs) -> Result<Gpu, RenderError> {
+        Ok(passes_of(Gpu::headless_timed(self.adapter())?, draw))
     }
 
     pub fn adapter(&self) -> AdapterChoice {
         if self.software { AdapterChoice::Software } else { AdapterChoice::Best }
     }
+}
+
+fn passes_of(mut gpu: Gpu, draw: &DrawArgs) -> Gpu {
+    gpu.small_triangles &= !draw.fixed_function;
+    gpu
 }
 
 #[derive(Subcommand)]
@@ -411,6 +419,9 @@ pub struct BenchArgs {
     /// Plot frame times to an SVG file.
     #[arg(long, value_name = "SVG")]
     pub plot: Option<PathBuf>,
+    /// Take the time of each stage of a frame, too, by the GPU's clock.
+    #[arg(long)]
+    pub stages: bool,
     #[command(flatten)]
     pub json: JsonArgs,
 }

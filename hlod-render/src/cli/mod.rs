@@ -76,7 +76,7 @@ fn run_view(cli: &Cli, args: &args::ViewArgs) -> Outcome {
 }
 
 fn run_bench(cli: &Cli, args: &BenchArgs) -> Outcome {
-    let gpu = cli.gpu(&args.draw)?;
+    let gpu = if args.stages { cli.timed_gpu(&args.draw)? } else { cli.gpu(&args.draw)? };
     let path = CameraPath::load(&args.path)?;
     let options = BenchOptions {
         size: args.draw.size(),

@@ -70,7 +70,7 @@ pub fn series(output: &Path, count: usize, gpu: &Gpu) -> String {
 
 pub fn bench(r: &BenchReport) -> String {
     let ms = |value: f64| format!("{value:.2} ms");
-    let rows = [
+    let mut rows = vec![
         ("frames a second", format!("{:.1}", r.fps_mean)),
         ("frame, median", ms(r.frame_ms.p50)),
         ("frame, 95 %", ms(r.frame_ms.p95)),
@@ -90,6 +90,7 @@ pub fn bench(r: &BenchReport) -> String {
         ("… and drawn", format!("{:.2} MB", r.bytes_drawn as f64 / 1e6)),
         ("on the GPU, most", format!("{:.2} MB", r.resident_bytes_max as f64 / 1e6)),
     ];
+    rows.extend(r.stages_ms.iter().map(|stage| (stage.stage, ms(stage.ms))));
     format!(
         "{} · {} · {} · {}×{} · τ = {} px · {} frames{}\n{}\n{}",
         r.file.display(),

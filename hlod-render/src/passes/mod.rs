@@ -2,6 +2,7 @@
 //! hidden from the light; shade.
 
 mod chunks;
+mod clock;
 mod drawn;
 mod explain;
 mod map;
@@ -20,6 +21,7 @@ use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::scene::Shot;
 use crate::shadow_map::MapCount;
+use clock::StageClock;
 pub(crate) use drawn::{Drawn, DrawnShadow, FaceUniforms, Hidden};
 pub use drawn::{FrameUniform, Range};
 use drawn::{RangePipeline, UNIFORM_STRIDE};
@@ -47,6 +49,7 @@ pub(crate) struct Passes {
     shade: Shade,
     geometry_layout: wgpu::BindGroupLayout,
     uniforms: wgpu::Buffer,
+    clock: StageClock,
 }
 
 /// What one frame gives to the passes of shadows.
@@ -70,7 +73,13 @@ impl Passes {
             soft: SoftShadows::new(gpu, &geometry_layout),
             maps: None,
             geometry_layout,
+            clock: StageClock::new(gpu),
         }
+    }
+
+    /// See [`StageClock::read`].
+    pub(crate) fn stage_times(&self, gpu: &Gpu) -> Result<Vec<(&'static str, f64)>, RenderError> {
+        self.clock.read(gpu)
     }
 
     /// What came of the last frame's shadow maps; waits for the GPU.
@@ -123,17 +132,22 @@ impl Passes {
         let faces = light_faces(&groups, drawn.shadow.faces().len());
 
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        self.clock.begin(&mut encoder);
         let small = self.small.as_ref().zip(small_work.as_ref());
         if let Some((small, work)) = small {
             small.rasterise(&mut encoder, work, &geometry, targets);
+            self.clock.mark(&mut encoder, "small triangles");
         }
         let depth = targets.depth().create_view(&Default::default());
         let into = (&depth, drawn.area, targets);
         self.surface.encode(&mut encoder, small, &ranges, &geometry, into);
+        self.clock.mark(&mut encoder, "surface");
         if let Some(work) = &shadow_work {
             encoder = self.encode_shadows(gpu, encoder, work, &drawn.shadow, &faces, targets)?;
         }
         self.shade.encode(gpu, &mut encoder, &geometry, drawn, shot, (&depth, targets));
+        self.clock.mark(&mut encoder, "shade");
+        self.clock.end(&mut encoder);
         gpu.queue.submit([encoder.finish()]);
         Ok(())
     }
@@ -227,7 +241,8 @@ impl Passes {
                     (None, Some((maps, map_work))) => How::Map(maps, map_work),
                     (None, None) => How::Exact,
                 };
-                self.shadow.encode(gpu, &mut encoder, &work.hard, how, faces, targets);
+                let clock = &self.clock;
+                self.shadow.encode(gpu, &mut encoder, &work.hard, how, faces, (targets, clock));
             }
             DrawnShadow::Traced { hidden, .. } => {
                 gpu.queue.submit([encoder.finish()]);

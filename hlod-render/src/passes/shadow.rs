@@ -3,6 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::chunks::Chunks;
+use super::clock::StageClock;
 use super::map::{MapWork, ShadowMaps};
 use super::resources::{buffer, compute_pipelines, constants, entry, storage_entry, write_growing};
 use super::soft::{SoftShadows, SoftWork};
@@ -243,7 +244,7 @@ impl HardShadows {
         work: &Work,
         how: How<'_>,
         faces: &[LightFace<'_>],
-        targets: &Targets,
+        (targets, clock): (&Targets, &StageClock),
     ) {
         encoder.clear_buffer(targets.occlusion(gpu), 0, None);
         let Rectangle { width, height, .. } = work.area;
@@ -271,6 +272,7 @@ impl HardShadows {
             if let How::Map(shadows, map_work) = how {
                 drop(pass);
                 shadows.encode(encoder, map_work, number, face);
+                clock.mark(encoder, "shadow map");
                 continue;
             }
             pass.set_bind_group(0, bind_group, &[offset]);
@@ -283,16 +285,20 @@ impl HardShadows {
             if let How::Soft(shadows, soft_work) = how {
                 pass.set_pipeline(&self.deepen);
                 pass.dispatch_workgroups(work.blocks_most.div_ceil(64), 1, 1);
-                shadows.encode(&mut pass, work, soft_work, face);
+                clock.mark_within(&mut pass, "samples");
+                shadows.encode(&mut pass, work, soft_work, face, clock);
                 continue;
             }
+            clock.mark_within(&mut pass, "samples");
             pass.set_pipeline(&self.occlude);
             for (uniform, &(bind_group, offset)) in face.casters.iter().enumerate() {
                 pass.set_bind_group(0, bind_group, &[offset]);
                 work.chunks.dispatch(&mut pass, uniform);
             }
+            clock.mark_within(&mut pass, "casters");
             pass.set_pipeline(&self.occlude_tiles);
             pass.dispatch_workgroups(TILE_GROUPS, 1, 1);
+            clock.mark_within(&mut pass, "large casters");
         }
     }
 }

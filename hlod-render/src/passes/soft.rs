@@ -1,5 +1,6 @@
 //! Soft shadows: see `soften.wgsl`.
 
+use super::clock::StageClock;
 use super::resources::{buffer, compute_pipelines, constants, entry, storage_entry};
 use super::shadow::{LightFace, Work, tiles_beyond};
 use super::{Rectangle, Targets};
@@ -145,6 +146,7 @@ impl SoftShadows {
         work: &Work,
         soft: &SoftWork,
         face: &LightFace<'_>,
+        clock: &StageClock,
     ) {
         let Some(&(first, first_offset)) = face.casters.first() else { return };
         pass.set_bind_group(1, &soft.soften, &[]);
@@ -154,8 +156,10 @@ impl SoftShadows {
             pass.set_bind_group(2, &soft.edges[uniform], &[]);
             work.chunks.dispatch(pass, uniform);
         }
+        clock.mark_within(pass, "casters");
         pass.set_pipeline(&self.soften_tiles);
         pass.dispatch_workgroups(TILE_GROUPS, 1, 1);
+        clock.mark_within(pass, "large casters");
         pass.set_pipeline(&self.settle);
         pass.set_bind_group(0, first, &[first_offset]);
         pass.set_bind_group(1, &soft.settle, &[]);
@@ -164,5 +168,6 @@ impl SoftShadows {
             soft.area.height.div_ceil(SIDE),
             1,
         );
+        clock.mark_within(pass, "settle");
     }
 }

@@ -1,8 +1,10 @@
-//! `hlod-fuzz [--seconds N | --executions N] [--seed N] [TARGET…]`: what `cargo xtask fuzz` runs.
+//! `hlod-fuzz [--seconds N | --executions N] [--seed N] [--corpus FOLDER] [TARGET…]`: what `cargo xtask fuzz` runs.
 //!
 //! Targets are run one after the other. An input on which one fails is written to `out/fuzz`; put into
-//! `tests/fuzzing/found` it is tried by every `cargo test`.
+//! `tests/fuzzing/found` it is tried by every `cargo test`. With `--corpus` nothing is run: what each would begin with is
+//! written to a folder of its name, for libFuzzer.
 
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -18,13 +20,15 @@ const EXECUTIONS: u64 = 10_000_000;
 
 fn main() -> ExitCode {
     let mut arguments = std::env::args().skip(1);
-    let (mut extent, mut seed, mut names) = (None, 1, Vec::new());
+    let (mut extent, mut seed, mut corpus, mut names) = (None, 1, None, Vec::new());
     while let Some(argument) = arguments.next() {
-        let mut number = || arguments.next().and_then(|text| text.parse::<u64>().ok());
         let understood = match argument.as_str() {
-            "--seconds" => number().map(|n| extent = Some(Extent::Time(Duration::from_secs(n)))),
-            "--executions" => number().map(|n| extent = Some(Extent::Executions(n))),
-            "--seed" => number().map(|n| seed = n),
+            "--corpus" => arguments.next().map(|folder| corpus = Some(PathBuf::from(folder))),
+            "--seconds" => {
+                number(&mut arguments).map(|n| extent = Some(Extent::Time(Duration::from_secs(n))))
+            }
+            "--executions" => number(&mut arguments).map(|n| extent = Some(Extent::Executions(n))),
+            "--seed" => number(&mut arguments).map(|n| seed = n),
             name if TARGETS.iter().any(|target| target.name == name) => {
                 names.push(argument.clone());
                 Some(())
@@ -34,20 +38,46 @@ fn main() -> ExitCode {
         if understood.is_none() {
             let targets = TARGETS.iter().map(|target| target.name).collect::<Vec<_>>().join(" ");
             eprintln!(
-                "hlod-fuzz: what is {argument}? Options are --seconds N, --executions N, --seed N; targets {targets}"
+                "hlod-fuzz: what is {argument}? Options are --seconds N, --executions N, --seed N, --corpus FOLDER; targets {targets}"
             );
             return ExitCode::from(2);
         }
     }
+    let chosen = |target: &&Target| names.is_empty() || names.iter().any(|n| n == target.name);
+    if let Some(corpus) = corpus {
+        for target in TARGETS.iter().filter(chosen) {
+            let folder = corpus.join(target.name);
+            match write_seeds(target, &folder) {
+                Ok(count) => println!("{:16} {count:>4} inputs", target.name),
+                Err(error) => {
+                    eprintln!("hlod-fuzz: {}: {error}", folder.display());
+                    return ExitCode::FAILURE;
+                }
+            }
+        }
+        return ExitCode::SUCCESS;
+    }
     // What panics is caught and said.
     std::panic::set_hook(Box::new(|_| ()));
-    let chosen = |target: &&Target| names.is_empty() || names.iter().any(|n| n == target.name);
     let mut is_good = true;
     for target in TARGETS.iter().filter(chosen) {
         let usual = if target.is_decoder { EXECUTIONS } else { EXECUTIONS / 10 };
         is_good &= run(target, extent.unwrap_or(Extent::Executions(usual)), seed);
     }
     if is_good { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+fn number(arguments: &mut impl Iterator<Item = String>) -> Option<u64> {
+    arguments.next().and_then(|text| text.parse().ok())
+}
+
+fn write_seeds(target: &Target, folder: &Path) -> std::io::Result<usize> {
+    std::fs::create_dir_all(folder)?;
+    let seeds = (target.seeds)();
+    for (i, seed) in seeds.iter().enumerate() {
+        std::fs::write(folder.join(format!("seed-{i}")), seed)?;
+    }
+    Ok(seeds.len())
 }
 
 /// Runs a target and prints a line; says whether nothing was found.
