@@ -99,6 +99,20 @@ pub enum BuildError {
         /// How much is allowed.
         budget_bytes: u64,
     },
+    /// A node keeps more than a page may hold.
+    #[error(
+        "{path}: one node would hold {count} {unit}, more than the {limit} that a file may have in one; give a smaller --resolution"
+    )]
+    NodeTooLarge {
+        /// The work folder.
+        path: PathBuf,
+        /// How many there are.
+        count: u64,
+        /// Of what.
+        unit: &'static str,
+        /// How many there may be.
+        limit: u64,
+    },
     /// A file of the work folder is not what this build wrote.
     #[error("{path}: is damaged; give --resume to make it again")]
     Work {

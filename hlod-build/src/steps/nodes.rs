@@ -9,7 +9,7 @@ use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use bytemuck::{Pod, Zeroable};
-use hlod_compress::{CellKey, Mesh, NodeRecord, OctNormal};
+use hlod_compress::{CellKey, FormatError, Mesh, NodeRecord, OctNormal};
 use rayon::prelude::*;
 
 use super::scatter::{CutTriangle, PlacedPoint, Subtree};
@@ -133,6 +133,9 @@ const PIECE_BYTES_A_TRIANGLE: u64 = 60;
 
 fn said(error: NodeError, folder: &WorkFolder) -> BuildError {
     match error {
+        NodeError::Format(FormatError::TooLarge { count, unit, limit, .. }) => {
+            BuildError::NodeTooLarge { path: folder.file(""), count, unit, limit }
+        }
         NodeError::Format(error) => BuildError::format(&folder.file(""))(error),
         NodeError::Memory { needed_bytes, budget_bytes } => BuildError::Memory {
             path: folder.file(""),

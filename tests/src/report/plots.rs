@@ -35,7 +35,8 @@ fn draw(
 ) -> Result<(), Box<dyn std::error::Error>> {
     let points = || curves.iter().flat_map(|curve| &curve.points);
     let right = points().map(|p| p.0).fold(1.0, f64::max);
-    let top = 1.1 * points().map(|p| p.1).fold(0.0, f64::max);
+    // Names stand above the curves.
+    let top = 1.35 * points().map(|p| p.1).fold(0.0, f64::max);
     let area = SVGBackend::new(path, (900, 360)).into_drawing_area();
     area.fill(&WHITE)?;
     let mut chart = ChartBuilder::on(&area)
@@ -50,7 +51,12 @@ fn draw(
         let key = move |(x, y)| PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(2));
         chart.draw_series(line)?.label(curve.name).legend(key);
     }
-    chart.configure_series_labels().border_style(BLACK.mix(0.2)).background_style(WHITE).draw()?;
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::UpperRight)
+        .border_style(BLACK.mix(0.2))
+        .background_style(WHITE)
+        .draw()?;
     area.present()?;
     Ok(())
 }

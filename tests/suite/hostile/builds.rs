@@ -279,3 +279,32 @@ fn programs_that_cannot_speak_keep_their_exit_status() {
         assert_eq!(status.code(), ended(&mut run()).status, "{name}");
     }
 }
+
+/// The file's format has a ceiling, so that no page keeps who decodes it for long.
+#[test]
+fn a_node_of_more_than_a_page_may_hold_ends_the_build_and_says_what_to_change() {
+    const POINTS: u32 = (1 << 19) + 1;
+    let folder = tempfile::tempdir().unwrap();
+    let [scan, output] = ["a.ply", "a.hlod"].map(|name| folder.path().join(name));
+    let mut ply = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {POINTS}\nproperty float x\nproperty float y\n\
+         property float z\nproperty float nx\nproperty float ny\nproperty float nz\nend_header\n"
+    )
+    .into_bytes();
+    for i in 0..POINTS {
+        for value in [(i % 1024) as f32, (i / 1024) as f32, 0.0, 0.0, 0.0, 1.0] {
+            ply.extend(value.to_le_bytes());
+        }
+    }
+    std::fs::write(&scan, ply).unwrap();
+    // More than the command line allows.
+    let options = BuildOptions {
+        leaf_triangles: 2 * POINTS,
+        memory_bytes: 64 << 30,
+        ..BuildOptions::default()
+    };
+    let error = build(std::slice::from_ref(&scan), &output, &options, &Silent).unwrap_err();
+    assert!(matches!(error, BuildError::NodeTooLarge { unit: "points", .. }), "{error}");
+    assert!(error.to_string().contains("--resolution"), "{error}");
+    assert!(!output.exists());
+}
