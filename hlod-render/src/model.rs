@@ -217,6 +217,12 @@ impl Model {
         self.skeleton.nodes().first().is_some_and(|root| root.closed_oriented)
     }
 
+    /// How far the leaves may be from the scan, world units: corners are rounded by √3/2 of a lattice step, and where cells cut
+    /// triangles their lines by a whole one.
+    pub(crate) fn leaf_rounding(&self) -> f64 {
+        self.header.lattice.step
+    }
+
     /// Bounds of all geometry in world space.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         let place = |p| DVec3::from_array(self.header.lattice.position(p));

@@ -198,6 +198,7 @@ pub fn audit(
             pixel_at_unit_depth,
             perspective,
             tau_px: shot.error_threshold_px,
+            rounding: models[0].leaf_rounding(),
             margin_px: 1,
             backs_are_holes: closed_oriented,
         };

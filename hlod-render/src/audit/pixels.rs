@@ -55,6 +55,8 @@ pub struct Scale {
     pub perspective: bool,
     /// τ of the drawing, or by how much it is coarser where something is not loaded.
     pub tau_px: f64,
+    /// By how much even the finest level may be off, world units: from very near that is more than τ.
+    pub rounding: f64,
     /// Pixels by which outlines may be off.
     pub margin_px: usize,
     /// Whether the surface is closed and its backs are never drawn for users.
@@ -242,10 +244,11 @@ fn is_hole(drawn: &Layer, p: usize, ring: &Window, scale: &Scale) -> bool {
     f64::from(drawn.depth[p]) > behind(ring, scale)
 }
 
-/// The depth from which on something does not belong to the surface in a window. ε_drawn covers at most τ pixels; one
-/// more for the pixel itself. The window's own depth range takes the surface's slope into account.
+/// The depth from which on something does not belong to the surface in a window. ε_drawn covers at most τ pixels, or is
+/// the leaves' own; one pixel more for the pixel itself. The window's own depth range takes the surface's slope into account.
 fn behind(ring: &Window, scale: &Scale) -> f64 {
-    let tolerance = (scale.tau_px + 1.0) * scale.pixel(ring.farthest) * 1.2;
+    let pixel = scale.pixel(ring.farthest);
+    let tolerance = ((scale.tau_px * pixel).max(scale.rounding) + pixel) * 1.2;
     f64::from(ring.farthest) + tolerance
 }
 

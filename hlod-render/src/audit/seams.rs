@@ -192,6 +192,7 @@ pub fn audit_seams(
                 pixel_at_unit_depth: 2.0 * half_extent.y / f64::from(height),
                 perspective: matches!(camera.projection, Projection::Perspective { .. }),
                 tau_px: drawn_px,
+                rounding: models[0].leaf_rounding(),
                 margin_px: margin_px as usize,
                 backs_are_holes: reference.closed_oriented,
             };

@@ -8,6 +8,7 @@ const SCALE: Scale = Scale {
     pixel_at_unit_depth: 0.01,
     perspective: false,
     tau_px: 0.5,
+    rounding: 0.0,
     margin_px: 1,
     backs_are_holes: true,
 };
@@ -132,6 +133,11 @@ fn holes_of_every_kind_are_counted() {
     let mut behind = good();
     behind.depth[centre()] = 5.0 + 0.03;
     assert_eq!(score(&behind, &behind, &truth(), &SCALE).holes, [centre()]);
+    // From so near that leaves are coarser than pixels it need not be.
+    let near = Scale { rounding: 0.02, ..SCALE };
+    assert!(score(&behind, &behind, &truth(), &near).holes.is_empty());
+    behind.depth[centre()] = 5.0 + 0.04;
+    assert_eq!(score(&behind, &behind, &truth(), &near).holes, [centre()]);
     behind.depth[centre()] = 5.0 + 0.01;
     assert!(score(&behind, &behind, &truth(), &SCALE).holes.is_empty());
 }
