@@ -146,10 +146,11 @@ pub fn report(
             2 => paper::growth(&models, &stock, &extent, &mut targets)?,
             3 => paper::frames(&models, &stock, &extent, &mut targets, say)?,
             4 => paper::lights(&models, &stock, &extent, &options.output, &mut targets, say)?,
-            5 => beyond::decoding(&models)?,
-            6 => beyond::policies(&models, &stock, &extent)?,
-            7 => beyond::pictures(&models, &stock, &extent, &mut targets, say)?,
-            8 => beyond::shadow_maps(&models, &stock, &extent, say)?,
+            5 => paper::stages(&models, &stock, &extent, say)?,
+            6 => beyond::decoding(&models)?,
+            7 => beyond::policies(&models, &stock, &extent)?,
+            8 => beyond::pictures(&models, &stock, &extent, &mut targets, say)?,
+            9 => beyond::shadow_maps(&models, &stock, &extent, say)?,
             _ => beyond::builds(&models, &stock, &options.output, &mut targets, say)?,
         });
         // What was measured stays, whatever comes after it.
@@ -165,7 +166,7 @@ pub fn report(
 }
 
 /// Parts of the report.
-const PARTS: usize = 10;
+const PARTS: usize = 11;
 
 fn models_of(
     stock: &Stock<'_>,

@@ -283,3 +283,68 @@ pub(super) fn lights(
     targets.push(Target::at_least("soft shadows ÷ none, median of rows", median(soft), Some(0.2)));
     Ok(section)
 }
+
+/// What a frame's time is spent on, stage by stage: why light types cost what they do.
+pub(super) fn stages(
+    models: &[Model],
+    stock: &Stock<'_>,
+    extent: &Extent,
+    say: &mut dyn FnMut(&str),
+) -> Result<Section, ReportError> {
+    let mut section = Section::new(
+        "Where a frame's time goes",
+        "`hlod-render bench F.hlod --path bench-paths/P.json --shadow S --stages`, 640×480, once each: mean milliseconds \
+         of the stages, on the processor until everything is submitted (choose), then by the GPU's clock; thousand \
+         primitives seen and casting. The largest statue.",
+        &[
+            "path",
+            "light",
+            "seen",
+            "casting",
+            "choose",
+            "small",
+            "surface",
+            "samples",
+            "casters",
+            "large casters",
+            "settle",
+            "shade",
+        ],
+    );
+    let Some(model) = models.iter().rfind(|model| model.is_statue) else { return Ok(section) };
+    for path in extent.paths {
+        say(&format!("stages: {}, {path}", model.name));
+        for light in ["none", "hard", "soft"] {
+            let more = format!("--shadow {light} --stages");
+            let printed =
+                stock.programs.measured(&bench(&model.file, path, extent.light_frames, &more))?;
+            let thousand = |key| number(&printed, key).map(|value| fixed(value / 1e3, 0));
+            let mut row = vec![(*path).to_owned(), light.to_owned()];
+            row.push(thousand("primitives_mean")?);
+            row.push(thousand("caster_primitives_mean")?);
+            for stage in [
+                "choose",
+                "small triangles",
+                "surface",
+                "samples",
+                "casters",
+                "large casters",
+                "settle",
+                "shade",
+            ] {
+                row.push(match stage_ms(&printed, stage) {
+                    Some(ms) => fixed(ms, 1),
+                    None => "–".to_owned(),
+                });
+            }
+            section.row(row);
+        }
+    }
+    Ok(section)
+}
+
+/// `None` where no such stage was.
+fn stage_ms(printed: &serde_json::Value, stage: &str) -> Option<f64> {
+    let stages = printed.get("stages_ms")?.as_array()?;
+    stages.iter().find(|of| of["stage"] == stage)?["ms"].as_f64()
+}
