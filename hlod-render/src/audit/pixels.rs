@@ -185,10 +185,11 @@ pub(super) fn find_seams(
     let (width, height) = (drawn.width, drawn.height);
     assert_eq!((width, height), (reference.width, reference.height));
     let mut seams = Seams::default();
+    let rings = reference.windows(scale.margin_px);
     for y in 0..height {
         for x in 0..width {
             let p = y * width + x;
-            let ring = reference.window(x, y, scale.margin_px);
+            let ring = rings[p];
             if drawn.covered[p] && !ring.any_covered {
                 seams.overdraw.push(p);
             }
@@ -323,11 +324,31 @@ pub(super) struct Reduced {
 }
 
 /// A square of pixels of the reference; pixels beyond the picture's edge are left out.
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct Window {
     all_covered: bool,
     any_covered: bool,
     nearest: f32,
     farthest: f32,
+}
+
+impl Window {
+    const EMPTY: Window =
+        Window { all_covered: true, any_covered: false, nearest: f32::INFINITY, farthest: 0.0 };
+
+    fn and(self, other: Window) -> Window {
+        Window {
+            all_covered: self.all_covered && other.all_covered,
+            any_covered: self.any_covered || other.any_covered,
+            nearest: self.nearest.min(other.nearest),
+            farthest: self.farthest.max(other.farthest),
+        }
+    }
+}
+
+/// The positions within `radius` of one, of so many.
+fn around(at: usize, radius: usize, count: usize) -> std::ops::RangeInclusive<usize> {
+    at.saturating_sub(radius)..=(at + radius).min(count - 1)
 }
 
 impl Reduced {
@@ -367,19 +388,31 @@ impl Reduced {
         inside(x, self.width) && inside(y, self.height)
     }
 
-    fn window(&self, x: usize, y: usize, radius: usize) -> Window {
-        let mut out =
-            Window { all_covered: true, any_covered: false, nearest: f32::INFINITY, farthest: 0.0 };
-        for wy in y.saturating_sub(radius)..=(y + radius).min(self.height - 1) {
-            for wx in x.saturating_sub(radius)..=(x + radius).min(self.width - 1) {
-                let p = wy * self.width + wx;
-                out.all_covered &= self.all_covered[p];
-                out.any_covered |= self.any_covered[p];
-                out.nearest = out.nearest.min(self.nearest[p]);
-                out.farthest = out.farthest.max(self.farthest[p]);
-            }
+    fn pixel(&self, p: usize) -> Window {
+        Window {
+            all_covered: self.all_covered[p],
+            any_covered: self.any_covered[p],
+            nearest: self.nearest[p],
+            farthest: self.farthest[p],
         }
-        out
+    }
+
+    fn window(&self, x: usize, y: usize, radius: usize) -> Window {
+        around(y, radius, self.height)
+            .flat_map(|wy| around(x, radius, self.width).map(move |wx| wy * self.width + wx))
+            .fold(Window::EMPTY, |all, p| all.and(self.pixel(p)))
+    }
+
+    /// All of them, row by row: first along rows, then across, as radii may be large.
+    fn windows(&self, radius: usize) -> Vec<Window> {
+        let (width, height) = (self.width, self.height);
+        let fold = |of: &dyn Fn(usize) -> Window, at, count| {
+            around(at, radius, count).fold(Window::EMPTY, |all, i| all.and(of(i)))
+        };
+        let along = |p: usize| fold(&|wx| self.pixel(p - p % width + wx), p % width, width);
+        let rows: Vec<Window> = (0..width * height).map(along).collect();
+        let across = |p: usize| fold(&|wy| rows[wy * width + p % width], p / width, height);
+        (0..width * height).map(across).collect()
     }
 
     /// Whether the surface jumps in depth within three pixels.
@@ -388,9 +421,9 @@ impl Reduced {
     }
 
     fn jumps_within(&self, x: usize, y: usize, radius: usize, scale: &Scale) -> bool {
-        let (x0, x1) = (x.saturating_sub(radius), (x + radius).min(self.width - 1));
-        (y.saturating_sub(radius)..=(y + radius).min(self.height - 1))
-            .any(|wy| (x0..=x1).any(|wx| self.jumps(&self.window(wx, wy, 1), scale)))
+        let columns = around(x, radius, self.width);
+        around(y, radius, self.height)
+            .any(|wy| columns.clone().any(|wx| self.jumps(&self.window(wx, wy, 1), scale)))
     }
 }
 

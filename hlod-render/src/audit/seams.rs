@@ -23,13 +23,14 @@ use crate::path::CameraPath;
 use crate::picture::PICTURE_FORMAT;
 use crate::scene::{Mixing, Shadow, Shot, light_from_angles};
 
-/// However coarse a front is, its outlines may be off by no more than a pixel and this.
-const MARGIN_MAX_PX: f64 = 12.0;
+/// However coarse a front is, its outlines may be off by no more than a pixel and this: what stands in for leaves that are
+/// seen from very near is off by more than 12.
+const MARGIN_MAX_PX: f64 = 64.0;
 
 /// Where two nodes are drawn within so many pixels of a hole, it may be their seam.
 const SEAM_PX: usize = 2;
 
-/// So many holes are listed, the first ones.
+/// So many holes at seams are listed, and as many of others.
 const HOLES_LISTED_MAX: usize = 200;
 
 /// What is compared.
@@ -70,7 +71,7 @@ pub struct SeamReport {
     pub pushed_out_pixels: u64,
     /// One row for each τ and kind of front.
     pub fronts: Vec<SeamRow>,
-    /// The first holes.
+    /// The first holes at seams, then the first others.
     pub holes: Vec<HolePlace>,
 }
 
@@ -151,7 +152,8 @@ pub fn audit_seams(
         .flat_map(|&tau_px| kinds.map(|front| SeamRow::new(tau_px, front)))
         .collect();
     let mut worst = 0;
-    let mut holes = Vec::new();
+    // At seams, and others.
+    let mut holes: [Vec<HolePlace>; 2] = Default::default();
     for (i, camera) in cameras.iter().enumerate() {
         let shot = Shot {
             camera: *camera,
@@ -213,10 +215,13 @@ pub fn audit_seams(
                     },
                     at_seam: nodes.several_near(&drawn.identities, &drawn.layer, behind, p),
                 });
-            let holes_of_view: Vec<HolePlace> = holes_of_view.collect();
-            row.holes_at_seams += holes_of_view.iter().filter(|hole| hole.at_seam).count() as u64;
-            let room = HOLES_LISTED_MAX.saturating_sub(holes.len());
-            holes.extend(holes_of_view.into_iter().take(room));
+            for hole in holes_of_view {
+                row.holes_at_seams += u64::from(hole.at_seam);
+                let listed = &mut holes[usize::from(!hole.at_seam)];
+                if listed.len() < HOLES_LISTED_MAX {
+                    listed.push(hole);
+                }
+            }
             let bad = row.add(&seams, pushed_out.len(), drawn.stats.nodes, drawn.stats.depths);
             if let Some(folder) = options.pictures.as_ref().filter(|_| bad > worst) {
                 worst = bad;
@@ -248,7 +253,7 @@ pub fn audit_seams(
         overdraw_pixels: sum(|row| row.overdraw_pixels),
         pushed_out_pixels: sum(|row| row.pushed_out_pixels),
         fronts,
-        holes,
+        holes: holes.concat(),
     })
 }
 

@@ -189,3 +189,14 @@ fn percentiles_of_known_distances() {
     assert_eq!((d.percentile(0.99), d.percentile(0.999), d.percentile(1.0)), (0.0, 0.0, 2.0));
     assert_eq!(Distances::default().percentile(0.5), 0.0);
 }
+
+#[test]
+fn all_windows_are_those_of_each_pixel() {
+    let reference = Reduced::new(&truth());
+    for radius in [0, 1, 7, 100] {
+        let windows = reference.windows(radius);
+        let each = |p: usize| reference.window(p % W, p / W, radius);
+        assert!((0..W * H).all(|p| windows[p] == each(p)), "{radius}");
+    }
+    assert_ne!(reference.windows(1), reference.windows(2));
+}
