@@ -80,7 +80,7 @@ pub(crate) fn wait_for_steps(output: &Path, child: &mut Child, lines: usize) -> 
 
 #[test]
 fn killed_at_any_moment_a_build_goes_on_to_the_same_bytes() {
-    let model = Model::new(150);
+    let model = Model::new(100);
     let mut state = 20_041_122u64;
     let mut unfinished = 0;
     for round in 0..20 {
@@ -116,7 +116,7 @@ fn control_c_leaves_what_is_done_and_says_so() {
 
 #[test]
 fn what_was_tampered_with_is_made_again() {
-    let model = Model::new(170);
+    let model = Model::new(120);
     let output = model.path("tampered.hlod");
     for kind in ["nodes-", "pages-", "cell-", "survey.json", "plan.json"] {
         let mut child = start(&model, &output);
