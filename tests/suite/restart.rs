@@ -116,7 +116,7 @@ fn control_c_leaves_what_is_done_and_says_so() {
 
 #[test]
 fn what_was_tampered_with_is_made_again() {
-    let model = Model::new(120);
+    let model = Model::new(170);
     let output = model.path("tampered.hlod");
     for kind in ["nodes-", "pages-", "cell-", "survey.json", "plan.json"] {
         let mut child = start(&model, &output);
