@@ -347,8 +347,8 @@ impl Renderer {
         self.passes.whole().map_count(gpu)
     }
 
-    /// Milliseconds of each stage of the last frame by the GPU's clock, in order; none unless the device was opened with
-    /// [`Gpu::headless_timed`], or of statues that are cut open. Waits for the GPU.
+    /// Milliseconds of each stage of the last frame of nothing cut open by the GPU's clock, in order; none unless the device
+    /// was opened with [`Gpu::headless_timed`]. Waits for the GPU.
     ///
     /// # Errors
     /// When the device is lost.

@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 
-/// More stages of a frame than these are not told apart: six faces of a lamp have 40.
+/// More stages of a frame than these are not told apart: six faces of a lamp have fewer than 30.
 const MARKS_MAX: u32 = 64;
 
 /// Takes the time between stages, where the device was opened for it; else does nothing.
