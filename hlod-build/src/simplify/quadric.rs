@@ -83,6 +83,48 @@ impl<const K: usize> Default for Quadric<K> {
     }
 }
 
+/// The normal of the plane through an edge, `p` to `q`, that is upright on its triangle.
+fn upright([p, q, opposite]: [DVec3; 3]) -> DVec3 {
+    let along = q - p;
+    along.cross((opposite - p).cross(along)).normalize_or_zero()
+}
+
+/// Open edges that a vertex stands for. In a [`Quadric`] they count as well, but the more surface it stands for, the less:
+/// of an edge that was simplified together with what is beside it nothing would be known in the end.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Rim {
+    length: f64,
+    planes: Form,
+}
+
+impl Rim {
+    /// Half of an open edge, for each of its ends; with the third corner of its triangle.
+    pub(super) fn add_edge(&mut self, edge: [DVec3; 3]) {
+        let [p, q, _] = edge;
+        let weight = 0.5 * p.distance(q);
+        let normal = upright(edge);
+        self.length += weight;
+        self.planes.add_squared(normal, -normal.dot(p), weight);
+    }
+
+    pub(super) fn add(&mut self, other: &Rim) {
+        self.length += other.length;
+        self.planes.add(&other.planes);
+    }
+
+    /// Both together.
+    pub(super) fn sum(&self, other: &Rim) -> Rim {
+        let mut sum = *self;
+        sum.add(other);
+        sum
+    }
+
+    /// Mean square distance of the place from the edges' planes.
+    pub(super) fn error(&self, place: DVec3) -> f64 {
+        self.planes.at(place).max(0.0) / self.length.max(f64::MIN_POSITIVE)
+    }
+}
+
 /// Pulls a place that the planes leave free towards the middle of the edge; relative to area.
 const PULL: f64 = 1e-3;
 
@@ -113,10 +155,10 @@ impl<const K: usize> Quadric<K> {
     }
 
     /// Keeps an open edge where it is: the plane through it, upright on its triangle.
-    pub(super) fn add_border(&mut self, [p, q, opposite]: [DVec3; 3]) {
-        let along = q - p;
-        let normal = along.cross((opposite - p).cross(along)).normalize_or_zero();
-        self.planes.add_squared(normal, -normal.dot(p), 0.5 * along.length_squared());
+    pub(super) fn add_border(&mut self, edge: [DVec3; 3]) {
+        let [p, q, _] = edge;
+        let normal = upright(edge);
+        self.planes.add_squared(normal, -normal.dot(p), 0.5 * p.distance_squared(q));
     }
 
     pub(super) fn add(&mut self, other: &Quadric<K>) {

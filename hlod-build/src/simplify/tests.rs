@@ -103,6 +103,47 @@ fn a_flat_sheet_needs_a_handful_of_triangles() {
     }
 }
 
+/// Segments of edges that only one triangle has.
+fn rim(mesh: &Mesh) -> Vec<[DVec3; 2]> {
+    let cube = Cube { min: [0; 3], units: CELL };
+    let borders = crate::borders::Borders::of(mesh, &cube);
+    let at = |p: u32| DVec3::from_array(borders.positions[p as usize].map(f64::from));
+    borders.edges.iter().map(|edge| edge.ends.map(at)).collect()
+}
+
+/// Largest distance of an end or a middle of one line's segments from another line.
+fn apart(from: &[[DVec3; 2]], to: &[[DVec3; 2]]) -> f64 {
+    let distance = |p: DVec3| {
+        let of = |[a, b]: [DVec3; 2]| {
+            let t = (p - a).dot(b - a) / (b - a).length_squared();
+            p.distance(a.lerp(b, t.clamp(0.0, 1.0)))
+        };
+        to.iter().map(|s| of(*s)).fold(f64::INFINITY, f64::min)
+    };
+    from.iter().flat_map(|[a, b]| [*a, a.midpoint(*b)]).map(distance).fold(0.0, f64::max)
+}
+
+/// A flat sheet whose rim meanders loses its inside, but no more of its outline than half the budget.
+#[test]
+fn rims_move_less_than_the_surface_may() {
+    let mut mesh = sheet(100, |_, _| 0.0, |_, _| [0.0, 0.0, 1.0]);
+    for p in &mut mesh.positions {
+        let turn = f64::from(p[0]) / 2_000.0 * std::f64::consts::TAU;
+        p[1] += (120.0 * turn.sin()).round() as i32;
+    }
+    let before = rim(&mesh);
+    let distance = 128.0;
+    let both = simplify(&source(mesh), &budget(distance));
+    for simplified in [both.appearance, both.geometric] {
+        let after = rim(&simplified.mesh);
+        let off = apart(&before, &after).max(apart(&after, &before));
+        assert!(off <= 0.5 * distance, "{off}");
+        assert!(simplified.mesh.triangles.len() < 1_000, "{}", simplified.mesh.triangles.len());
+    }
+    let shifted: Vec<_> = before.iter().map(|s| s.map(|p| p + DVec3::Y * 70.0)).collect();
+    assert!(apart(&before, &shifted) > 0.5 * distance, "a line that is off is told");
+}
+
 /// The eight octants of a ball, simplified apart, meet in the same edges, corner for corner and
 /// normal for normal: put together they are closed again.
 #[test]
