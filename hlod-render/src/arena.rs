@@ -8,7 +8,7 @@ use range_alloc::RangeAllocator;
 use crate::edges::NO_VERTEX;
 use crate::gpu::Gpu;
 use crate::loader::{GpuMesh, PointPrefix};
-use crate::skirts::VERTICES_MAX;
+use crate::skirts::{Borders, Faces, SkirtGroup, VERTICES_MAX};
 
 /// Set in an index of a point, which none of a triangle or a skirt has: see `shared.wgsl`.
 const POINT: u32 = 7 << 29;
@@ -113,8 +113,12 @@ impl ArenaSize {
 pub(crate) struct Slot {
     pub(crate) arena: usize,
     pub(crate) vertices: Range<u32>,
-    /// Triangles, then points, which are counted like them.
+    /// Triangles, then skirts, then points, which are counted like them.
     pub(crate) primitives: Range<u32>,
+    /// What skirts there are, in their order.
+    pub(crate) skirts: Vec<SkirtGroup>,
+    /// What the triangles end in on each face of the cell.
+    pub(crate) borders: Borders,
     /// The first point.
     pub(crate) first_point: u32,
     /// How many points cover: see [`GpuMesh::prefixes`].
@@ -128,8 +132,29 @@ impl Slot {
             + u64::from(self.primitives.end - self.primitives.start) * (TRIANGLE_BYTES + EDGE_BYTES)
     }
 
+    /// Triangles, and all skirts.
     pub(crate) fn triangles(&self) -> Range<u32> {
         self.primitives.start..self.first_point
+    }
+
+    /// Triangles, and the skirts that are needed where these faces are open: as few ranges as there may be.
+    pub(crate) fn triangles_and_skirts(&self, open: Faces) -> Vec<Range<u32>> {
+        let count: u32 = self.skirts.iter().map(|group| group.triangles).sum();
+        let mut at = self.first_point - count;
+        let mut ranges = vec![self.primitives.start..at];
+        for group in &self.skirts {
+            let range = at..at + group.triangles;
+            at = range.end;
+            if group.faces & !open != 0 {
+                continue;
+            }
+            match ranges.last_mut().filter(|last| last.end == range.start) {
+                Some(last) => last.end = range.end,
+                None => ranges.push(range),
+            }
+        }
+        ranges.retain(|range| !range.is_empty());
+        ranges
     }
 
     pub(crate) fn points(&self) -> Range<u32> {
@@ -210,11 +235,46 @@ impl Arena {
             0 => primitives.start,
             _ => primitives.start + triangle_count,
         };
-        Some(Slot { arena, vertices, primitives, first_point, prefixes: mesh.prefixes.clone() })
+        Some(Slot {
+            arena,
+            vertices,
+            primitives,
+            skirts: mesh.skirts.clone(),
+            borders: mesh.borders,
+            first_point,
+            prefixes: mesh.prefixes.clone(),
+        })
     }
 
     pub(crate) fn remove(&mut self, slot: Slot) {
         self.free_vertices.free_range(slot.vertices);
         self.free_triangles.free_range(slot.primitives);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn skirts_of_closed_faces_are_left_out() {
+        let group = |faces, triangles| SkirtGroup { faces, triangles };
+        let slot = Slot {
+            arena: 0,
+            vertices: 0..50,
+            primitives: 100..200,
+            skirts: vec![group(1, 10), group(3, 2), group(2, 20), group(32, 4)],
+            borders: [0; 6],
+            first_point: 190,
+            prefixes: Vec::new(),
+        };
+        assert_eq!(slot.triangles_and_skirts(0), [100..154]);
+        assert_eq!(slot.triangles_and_skirts(1), [100..164]);
+        // What joins the strips of two faces hangs from both.
+        assert_eq!(slot.triangles_and_skirts(2), [100..154, 166..186]);
+        assert_eq!(slot.triangles_and_skirts(2 | 32), [100..154, 166..190]);
+        assert_eq!(slot.triangles_and_skirts(63), [slot.triangles()]);
+        let empty = Slot { skirts: Vec::new(), primitives: 7..8, first_point: 7, ..slot };
+        assert!(empty.triangles_and_skirts(63).is_empty());
     }
 }

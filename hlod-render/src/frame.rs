@@ -24,6 +24,7 @@ use crate::seen::Seen;
 use crate::select::{Front, Selection, View, select};
 use crate::shadow_map::MapCount;
 use crate::skeleton::{ChildLink, Node};
+use crate::skirts::find_open_faces;
 use crate::survey::Survey;
 use crate::traced::Tracer;
 use crate::uniform::{scalar, skirt, uniform};
@@ -233,10 +234,10 @@ impl Renderer {
                             && !shot.draw_backs
                             && !shot.backs_magenta
                             && shot.clip.is_none();
-                        if !slot.triangles().is_empty() {
+                        for triangles in slot.triangles_and_skirts(draw.open_faces) {
                             ranges.push(Range {
                                 uniform: index,
-                                triangles: slot.triangles(),
+                                triangles,
                                 points_level: None,
                                 cull_backs,
                                 error: error(node, draw.representation),
@@ -467,6 +468,9 @@ fn update(
         if let Some(survey) = survey {
             survey.receivers[m].widen(&mut front);
         }
+        // Of a part of a picture, what lies beyond is farther from it than skirts reach.
+        let borders = |n, r| model.slot(n, r).map(|slot| slot.borders);
+        find_open_faces(&mut front.draws, model.skeleton(), &borders);
         fronts.receivers.push(front);
     }
     if shot.shadow != Shadow::None {
@@ -562,7 +566,8 @@ fn stats(
             let node = &model.skeleton().nodes()[draw.node as usize];
             depths |= 1 << node.depth.min(63);
             if let Some(slot) = model.slot(draw.node, draw.representation) {
-                stats.triangles += slot.triangles().len() as u64;
+                let ranges = slot.triangles_and_skirts(draw.open_faces);
+                stats.triangles += ranges.iter().map(|range| range.len() as u64).sum::<u64>();
                 let points = points_of(slot, node, &views[m], can_choose);
                 stats.points += points.map_or(0, |(points, _)| points.len() as u64);
             }

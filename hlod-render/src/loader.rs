@@ -16,7 +16,7 @@ use hlod_compress::{
 };
 
 use crate::edges::across;
-use crate::skirts::skirts;
+use crate::skirts::{Borders, SkirtGroup, Skirts, skirts};
 use crate::source::{Extent, Source};
 
 /// What a request is for, as its submitter knows it.
@@ -101,8 +101,12 @@ pub struct GpuMesh {
     /// Kept numbers, or empty.
     pub scalars: Vec<Scalars>,
     /// Three a triangle, counted from the mesh's first vertex; of skirts with the marks of
-    /// [`crate::skirts`].
+    /// [`crate::skirts`], which are the last ones.
     pub indices: Vec<u32>,
+    /// What skirts there are, in their order.
+    pub skirts: Vec<SkirtGroup>,
+    /// What the triangles end in on each face of the cell.
+    pub borders: Borders,
     /// Of what casts shadows, the vertex across each edge: see `edges.rs`. Skirts have none.
     pub across: Vec<u32>,
     /// Radii of the points, as shaders read them: a byte for each of `prefixes`, the last one lowest.
@@ -153,7 +157,9 @@ pub fn decode(part: &Part, bytes: &[u8], header: &Header) -> Result<Loaded, Form
                 f64::from(lattice.cell_units(cell.depth())) / f64::from(header.resolution.max(1));
             // Where there are points parts of a component are small that is large.
             let small = if points.is_empty() { budget } else { 0.0 };
-            indices.extend(skirts(&mesh, *cell, lattice, small));
+            let skirts = skirts(&mesh, *cell, lattice, small);
+            let Skirts { indices: of_skirts, groups, borders } = skirts;
+            indices.extend(of_skirts);
             // Casters are of the geometric hierarchy, and leaves of every one.
             let across = match kind {
                 RepresentationKind::Appearance => Vec::new(),
@@ -174,6 +180,8 @@ pub fn decode(part: &Part, bytes: &[u8], header: &Header) -> Result<Loaded, Form
                 colours,
                 scalars,
                 indices,
+                skirts: groups,
+                borders,
                 across,
                 radii,
                 prefixes,

@@ -12,6 +12,7 @@ use crate::clip::ClipPlanes;
 use crate::loader::{Part, Ticket};
 use crate::scene::{Mixing, Shot};
 use crate::skeleton::{ChildLink, Node, NodeRepresentation, Skeleton};
+use crate::skirts::{ALL_FACES, Faces};
 
 /// What is asked of the front.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -186,6 +187,8 @@ pub struct Draw {
     pub error_px: f64,
     /// Weight for statistics.
     pub area_px: f64,
+    /// Where it may be open towards what is drawn beside it: see [`crate::skirts::find_open_faces`].
+    pub open_faces: Faces,
 }
 
 /// A part that is wanted and not here.
@@ -334,7 +337,8 @@ impl Search<'_> {
         let error = node.representations[representation].error;
         let error_px = self.measure.error_px(error, node);
         let area_px = self.measure.area_px(node);
-        let draw = Draw { node: index, representation, error_px, area_px };
+        let open_faces = ALL_FACES;
+        let draw = Draw { node: index, representation, error_px, area_px, open_faces };
         let mixing = self.measure.mixing();
         let resident = (self.is_resident)(index, representation) && !mixing.lacks(node);
         let threshold = self.measure.threshold_px();
