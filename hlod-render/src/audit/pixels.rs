@@ -193,7 +193,8 @@ pub(super) fn find_seams(
             if drawn.covered[p] && !ring.any_covered {
                 seams.overdraw.push(p);
             }
-            let shows_back = scale.backs_are_holes && drawn.back[p];
+            // From within a body backs are what there is to be seen.
+            let shows_back = scale.backs_are_holes && drawn.back[p] && !ring.any_back;
             // Whether the surface jumps takes longest, and is asked of few.
             let is_hole = ring.all_covered
                 && is_hole(if shows_back { culled } else { drawn }, p, &ring, scale)
@@ -318,6 +319,7 @@ pub(super) struct Reduced {
     height: usize,
     all_covered: Vec<bool>,
     any_covered: Vec<bool>,
+    any_back: Vec<bool>,
     nearest: Vec<f32>,
     farthest: Vec<f32>,
     mean_shade: Vec<f32>,
@@ -328,18 +330,25 @@ pub(super) struct Reduced {
 struct Window {
     all_covered: bool,
     any_covered: bool,
+    any_back: bool,
     nearest: f32,
     farthest: f32,
 }
 
 impl Window {
-    const EMPTY: Window =
-        Window { all_covered: true, any_covered: false, nearest: f32::INFINITY, farthest: 0.0 };
+    const EMPTY: Window = Window {
+        all_covered: true,
+        any_covered: false,
+        any_back: false,
+        nearest: f32::INFINITY,
+        farthest: 0.0,
+    };
 
     fn and(self, other: Window) -> Window {
         Window {
             all_covered: self.all_covered && other.all_covered,
             any_covered: self.any_covered || other.any_covered,
+            any_back: self.any_back || other.any_back,
             nearest: self.nearest.min(other.nearest),
             farthest: self.farthest.max(other.farthest),
         }
@@ -361,6 +370,7 @@ impl Reduced {
             height,
             all_covered: vec![true; count],
             any_covered: vec![false; count],
+            any_back: vec![false; count],
             nearest: vec![f32::INFINITY; count],
             farthest: vec![0.0; count],
             mean_shade: vec![0.0; count],
@@ -370,6 +380,7 @@ impl Reduced {
                 let (s, p) = (y * truth.width + x, (y / n) * width + x / n);
                 out.all_covered[p] &= truth.covered[s];
                 out.any_covered[p] |= truth.covered[s];
+                out.any_back[p] |= truth.back[s];
                 out.nearest[p] = out.nearest[p].min(truth.depth[s]);
                 if truth.covered[s] {
                     out.farthest[p] = out.farthest[p].max(truth.depth[s]);
@@ -392,6 +403,7 @@ impl Reduced {
         Window {
             all_covered: self.all_covered[p],
             any_covered: self.any_covered[p],
+            any_back: self.any_back[p],
             nearest: self.nearest[p],
             farthest: self.farthest[p],
         }

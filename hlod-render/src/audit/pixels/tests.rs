@@ -129,6 +129,12 @@ fn holes_of_every_kind_are_counted() {
     assert_eq!(score(&back, &far, &truth(), &SCALE).holes, [centre()]);
     let open = Scale { backs_are_holes: false, ..SCALE };
     assert!(score(&back, &back, &truth(), &open).holes.is_empty());
+    // From within a body the scan shows its back as well, but a crack goes farther.
+    let mut within = truth();
+    within.back = within.covered.clone();
+    assert!(score(&back, &gone, &within, &SCALE).holes.is_empty());
+    back.depth[centre()] = 5.0 + 0.03;
+    assert_eq!(score(&back, &gone, &within, &SCALE).holes, [centre()]);
 
     let mut behind = good();
     behind.depth[centre()] = 5.0 + 0.03;
