@@ -141,7 +141,8 @@ impl Slot {
     pub(crate) fn triangles_and_skirts(&self, open: Faces) -> Vec<Range<u32>> {
         let count: u32 = self.skirts.iter().map(|group| group.triangles).sum();
         let mut at = self.first_point - count;
-        let mut ranges = vec![self.primitives.start..at];
+        let triangles = self.primitives.start..at;
+        let mut ranges: Vec<Range<u32>> = std::iter::once(triangles).collect();
         for group in &self.skirts {
             let range = at..at + group.triangles;
             at = range.end;
@@ -268,12 +269,15 @@ mod tests {
             first_point: 190,
             prefixes: Vec::new(),
         };
-        assert_eq!(slot.triangles_and_skirts(0), [100..154]);
-        assert_eq!(slot.triangles_and_skirts(1), [100..164]);
+        let drawn = |open| -> Vec<(u32, u32)> {
+            slot.triangles_and_skirts(open).iter().map(|range| (range.start, range.end)).collect()
+        };
+        assert_eq!(drawn(0), [(100, 154)]);
+        assert_eq!(drawn(1), [(100, 164)]);
         // What joins the strips of two faces hangs from both.
-        assert_eq!(slot.triangles_and_skirts(2), [100..154, 166..186]);
-        assert_eq!(slot.triangles_and_skirts(2 | 32), [100..154, 166..190]);
-        assert_eq!(slot.triangles_and_skirts(63), [slot.triangles()]);
+        assert_eq!(drawn(2), [(100, 154), (166, 186)]);
+        assert_eq!(drawn(2 | 32), [(100, 154), (166, 190)]);
+        assert_eq!(drawn(63), [(100, 190)]);
         let empty = Slot { skirts: Vec::new(), primitives: 7..8, first_point: 7, ..slot };
         assert!(empty.triangles_and_skirts(63).is_empty());
     }

@@ -56,7 +56,7 @@ pub enum Loaded {
     /// A skeleton block.
     Block(SkeletonBlock),
     /// A page's geometry.
-    Mesh(GpuMesh),
+    Mesh(Box<GpuMesh>),
 }
 
 /// One finished request.
@@ -175,7 +175,7 @@ pub fn decode(part: &Part, bytes: &[u8], header: &Header) -> Result<Loaded, Form
                 scalars.resize(vertices.len(), Scalars::default());
             }
             let (radii, prefixes) = radii(&points, lattice.step);
-            Ok(Loaded::Mesh(GpuMesh {
+            Ok(Loaded::Mesh(Box::new(GpuMesh {
                 vertices,
                 colours,
                 scalars,
@@ -185,7 +185,7 @@ pub fn decode(part: &Part, bytes: &[u8], header: &Header) -> Result<Loaded, Form
                 across,
                 radii,
                 prefixes,
-            }))
+            })))
         }
     }
 }

@@ -346,7 +346,7 @@ impl Model {
                     self.skeleton.add_children(node, &block);
                     skeleton_grew = true;
                 }
-                (Ok(Loaded::Mesh(mesh)), Some(r)) => self.waiting.push_back(((node, r), mesh)),
+                (Ok(Loaded::Mesh(mesh)), Some(r)) => self.waiting.push_back(((node, r), *mesh)),
                 (Ok(_), _) => {}
                 (Err(FormatError::Io(error)), _) if error.kind() == ErrorKind::NotConnected => {
                     // It is asked for again as long as it is wanted.

@@ -83,7 +83,7 @@ fn read_root(source: &Source, skeleton: &Skeleton) -> Result<(Vec<GpuMesh>, u64)
         bytes_read += bytes.len() as u64;
         let decoded = decode(part, &bytes, source.header());
         match decoded.inspect_err(|_| source.forget(part.extent().offset))? {
-            Loaded::Mesh(mesh) => meshes.push(mesh),
+            Loaded::Mesh(mesh) => meshes.push(*mesh),
             Loaded::Block(_) => unreachable!("a page holds a mesh"),
         }
     }

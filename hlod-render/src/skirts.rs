@@ -209,9 +209,9 @@ fn edge_code([p, q]: [[i32; 3]; 2]) -> u64 {
     // As SplitMix64 spreads numbers (Steele, Lea & Flood, Fast splittable pseudorandom number generators, 2014).
     ends.as_flattened().iter().fold(0x9e37_79b9_7f4a_7c15, |code: u64, &c| {
         let mut z = (code ^ u64::from(c as u32)).wrapping_add(0x9e37_79b9_7f4a_7c15);
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ z >> 31
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
     })
 }
 
@@ -360,7 +360,7 @@ mod tests {
                     let mut index = cell.index().map(u64::from);
                     index[face % 3] += u64::from(face >= 3);
                     1 + (u64::from(cell.depth()) << 40)
-                        + (face as u64 % 3 << 32)
+                        + ((face as u64 % 3) << 32)
                         + (index[0] << 20)
                         + (index[1] << 10)
                         + index[2]
