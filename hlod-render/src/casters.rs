@@ -138,8 +138,9 @@ pub struct CasterView {
     clusters: Vec<Cluster>,
     /// Pixels that a unit of length shows at the nearest point of all.
     pixels_most: f64,
-    /// Nothing else is relevant than what may cast on these, too: those of a part of the picture.
-    near: Option<Vec<Cluster>>,
+    /// Nothing else is relevant than what may cast on these, too, or lies within this length (world units) of what may:
+    /// those of a part of the picture.
+    near: Option<(Vec<Cluster>, f64)>,
 }
 
 /// Visible nodes below one cell: what hides nothing of their box from the light hides none of them.
@@ -228,9 +229,10 @@ impl CasterView {
         }
     }
 
-    /// The same, but leaves out what cannot cast on what the other view is of.
-    pub(crate) fn near(self, part: CasterView) -> CasterView {
-        CasterView { near: Some(part.clusters), ..self }
+    /// The same, but leaves out what cannot cast on what the other view is of, nor lies within `reach` (model units) of
+    /// what can: a node beyond decides whether one before has skirts towards it.
+    pub(crate) fn near(self, part: CasterView, reach: f64) -> CasterView {
+        CasterView { near: Some((part.clusters, reach * self.scale)), ..self }
     }
 
     /// A node's box in world space; models are not turned, so that it is no larger than needed.
@@ -454,8 +456,12 @@ impl Measure for CasterView {
 
     fn is_relevant(&self, node: &Node) -> bool {
         let bounds = self.box_of(node);
-        let may_hold = |clusters: &[Cluster]| self.holding(clusters, bounds).next().is_some();
-        may_hold(&self.clusters) && self.near.as_deref().is_none_or(may_hold)
+        let may_hold = |clusters: &[Cluster], reach: f64| {
+            let wider = [bounds[0] - reach, bounds[1] + reach];
+            self.holding(clusters, wider).next().is_some()
+        };
+        let is_near = |(clusters, reach): &(Vec<Cluster>, f64)| may_hold(clusters, *reach);
+        may_hold(&self.clusters, 0.0) && self.near.as_ref().is_none_or(is_near)
     }
 
     /// Pixels by which a shadow's edge moves at most.

@@ -267,9 +267,9 @@ impl Renderer {
                         let node = &model.skeleton().nodes()[draw.node as usize];
                         let cull_backs = node.closed_oriented
                             && is_outside(model, shot.light, shot.light_radius());
-                        let (triangles, points) = (slot.triangles(), slot.points());
+                        let points = slot.points();
                         let error = error(node, draw.representation);
-                        if !triangles.is_empty() {
+                        for triangles in slot.triangles_and_skirts(draw.open_faces) {
                             let points_level = None;
                             casting.push(Range {
                                 uniform: index,
@@ -480,8 +480,10 @@ fn update(
         let whole = survey.map_or(&fronts.boxes, |survey| &survey.boxes);
         for (m, model) in models.iter().enumerate() {
             let mut view = caster_view(model, shot, (width, height), whole);
-            if survey.is_some() {
-                view = view.near(caster_view(model, shot, (width, height), &fronts.boxes));
+            if let Some(survey) = survey {
+                let part = caster_view(model, shot, (width, height), &fronts.boxes);
+                let reach = survey.casters[m].skirt_reach(model.header().lattice.step);
+                view = view.near(part, reach);
             }
             let is_resident = |n, r| model.is_resident(n, r);
             let mut front = select_casters(model.skeleton(), &view, &is_resident);
@@ -490,6 +492,8 @@ fn update(
                 let kept = select_casters(model.skeleton(), &view, &|_, _| true);
                 fronts.kept_casters.push(Front { wanted: Vec::new(), ..kept });
             }
+            let borders = |n, r| model.slot(n, r).map(|slot| slot.borders);
+            find_open_faces(&mut front.draws, model.skeleton(), &borders);
             fronts.casters.push(front);
         }
     }
@@ -584,9 +588,12 @@ fn stats(
         stats.missing_parts += front.wanted.len();
         stats.missing_casters += front.wanted.len();
         for draw in &front.draws {
-            let slot = model.slot(draw.node, draw.representation);
-            stats.caster_triangles +=
-                slot.map_or(0, |s| s.triangles().len() + s.points().len()) as u64;
+            if let Some(slot) = model.slot(draw.node, draw.representation) {
+                let ranges = slot.triangles_and_skirts(draw.open_faces);
+                stats.caster_triangles +=
+                    ranges.iter().map(|range| range.len() as u64).sum::<u64>()
+                        + slot.points().len() as u64;
+            }
         }
     }
     stats.depths = depths.count_ones() as usize;

@@ -48,6 +48,11 @@ impl Whole {
         Whole { border_px: front.border_px, border_error: front.border_error, beyond_px }
     }
 
+    /// How far skirts of what casts reach, where a step of the lattice is so long.
+    pub(crate) fn skirt_reach(&self, step: f64) -> f64 {
+        2.0 * (self.border_error + step)
+    }
+
     /// Gives a part's front the borders of the whole.
     pub(crate) fn widen(&self, front: &mut Front) {
         front.border_px = front.border_px.max(self.border_px);
