@@ -152,6 +152,11 @@ impl Gpu {
         pollster::block_on(scope.pop()).is_none().then_some(made)
     }
 
+    /// Whether processors draw.
+    pub(crate) fn is_software(&self) -> bool {
+        self.info.device_type == wgpu::DeviceType::Cpu
+    }
+
     /// Name, kind and driver, as in `llvmpipe (Cpu, Vulkan, Mesa 22.3.6)`.
     pub fn describe(&self) -> String {
         let i = &self.info;

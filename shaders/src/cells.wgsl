@@ -9,11 +9,15 @@ struct Cells {
     farthest: f32,
     // Of all samples, the largest of −x, −y, x, y and depth, as ordered(); 0 for none.
     largest: array<u32, 5>,
-    // 1 + the pixel of the first sample of each; then the largest depth of the samples of each, as ordered(), 0 for
-    // none; then that of each block of cells.
+    // How many cells there may be.
+    room: i32,
+    // Where the samples of each cell begin, by their numbers, and behind the last where they end; then the largest depth
+    // of those of each cell, as ordered(), 0 for none; then of each quarter, of each block, and how many samples come
+    // before each quarter.
     cell: array<u32>,
 }
 
+// Sorted by their cells.
 @group(1) @binding(1) var<storage, read_write> samples: array<Sample>;
 @group(1) @binding(2) var<storage, read_write> grid: Cells;
 
@@ -32,14 +36,53 @@ fn cells_of(low: vec2<f32>, high: vec2<f32>) -> vec4<i32> {
     return vec4(max(vec2<i32>(first), vec2(0)), min(vec2<i32>(last), grid.size - 1));
 }
 
+// Of samples, the first, and the one behind the last.
+struct Run {
+    at: u32,
+    end: u32,
+}
+
+// Those of a cell.
+fn run_of(cell: vec2<i32>) -> Run {
+    let number = number_of_cell(cell, grid.blocks);
+    return Run(grid.cell[number], grid.cell[number + 1]);
+}
+
+// Behind the last cell of a row that is in the same quarter of a block.
+fn end_in_row(x: i32) -> i32 {
+    return (x | (QUARTER - 1)) + 1;
+}
+
+// Those of cells of a row, from one on up to `last` or where their quarter ends.
+fn run_in_row(cell: vec2<i32>, last: i32) -> Run {
+    let number = number_of_cell(cell, grid.blocks);
+    return Run(grid.cell[number], grid.cell[number + min(last + 1, end_in_row(cell.x)) - cell.x]);
+}
+
+// Those of a quarter of a block; quarters are counted as cells are.
+fn run_of_quarter(quarter: vec2<i32>) -> Run {
+    let number = number_of_cell(quarter * QUARTER, grid.blocks);
+    return Run(grid.cell[number], grid.cell[number + CELLS_OF_QUARTER]);
+}
+
+// Less than any depth where there is none.
+fn depth_at(place: i32) -> f32 {
+    let code = grid.cell[place];
+    return select(unordered(code), -3e38, code == 0u);
+}
+
 // The largest depth of the samples in a cell; less than any where there are none.
 fn deepest_of(cell: vec2<i32>) -> f32 {
-    let code = grid.cell[grid.size.x * (grid.size.y + cell.y) + cell.x];
-    return select(unordered(code), -3e38, code == 0u);
+    return depth_at(grid.room + 1 + number_of_cell(cell, grid.blocks));
+}
+
+// In a quarter.
+fn deepest_of_quarter(quarter: vec2<i32>) -> f32 {
+    return depth_at(2 * grid.room + 1 + number_of_cell(quarter * QUARTER, grid.blocks) / CELLS_OF_QUARTER);
 }
 
 // And in a block.
 fn deepest_of_block(block: vec2<i32>) -> f32 {
-    let code = grid.cell[2 * grid.size.x * grid.size.y + block.y * grid.blocks + block.x];
-    return select(unordered(code), -3e38, code == 0u);
+    let first = 2 * grid.room + 1 + grid.room / CELLS_OF_QUARTER;
+    return depth_at(first + block.y * grid.blocks + block.x);
 }

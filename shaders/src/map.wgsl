@@ -32,7 +32,7 @@ fn measure_map(@builtin(global_invocation_id) id: vec3<u32>) {
     let end = min(id.y * 64u + 64u, frame.area.w);
     for (var y = id.y * 64u; y < end; y++) {
         let sample = samples[number_of(frame.area.xy + vec2(id.x, y))];
-        if sample.next == UNBINNED {
+        if sample.place == UNBINNED {
             is_used = true;
             let p = map.view.homography * vec3(sample.x, sample.y, 1.0);
             // On rays where it has no place nothing else is looked at.
@@ -92,7 +92,7 @@ fn look_up(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = frame.area.xy + id.xy;
     let pixel = number_of(at);
     let sample = samples[pixel];
-    if sample.next != UNBINNED {
+    if sample.place != UNBINNED {
         return;
     }
     let place = texel_of(sample);
@@ -124,7 +124,7 @@ fn look_up(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let right = samples[number_of(at + vec2(1u, 0u))];
     let below = samples[number_of(at + vec2(0u, 1u))];
-    if right.next != UNBINNED || below.next != UNBINNED {
+    if right.place != UNBINNED || below.place != UNBINNED {
         return;
     }
     let to_right = texel_of(right) - place;

@@ -36,26 +36,25 @@ fn hide(
     least: f32,
 ) {
     var at = first;
-    var entry = grid.cell[at.y * grid.size.x + at.x];
+    var run = run_in_row(at, last.x);
     // One loop over cells and what is in them: neighbouring threads have different ones to do.
     loop {
-        if entry == 0u {
-            at.x++;
+        if run.at == run.end {
+            at.x = end_in_row(at.x);
             if at.x > last.x {
                 at = vec2(first.x, at.y + 1);
                 if at.y > last.y {
                     break;
                 }
             }
-            entry = grid.cell[at.y * grid.size.x + at.x];
+            run = run_in_row(at, last.x);
             continue;
         }
-        let pixel = entry - 1u;
-        let sample = samples[pixel];
-        entry = sample.next;
+        let number = run.at;
+        run.at++;
         // Relative to the sample. Edges that two triangles share come out with opposite signs, so
         // that no sample between them is missed by both.
-        let q = vec2(sample.x, sample.y);
+        let q = vec2(samples[number].x, samples[number].y);
         let pa = a.xy - q * a.w;
         let pb = b.xy - q * b.w;
         let pc = c.xy - q * c.w;
@@ -68,9 +67,10 @@ fn hide(
         if least > 0.0 && dot(weights, weights.yzx) < least * sum * sum {
             continue;
         }
+        let sample = samples[number];
         // On the light's side that the sample is on, too.
         if w * sum > 0.0 && dot(weights, vec3(a.z, b.z, c.z)) / w < sample.depth - sample.slack * error - noise {
-            atomicStore(&occlusion[pixel], HIDDEN);
+            atomicStore(&occlusion[sample.place], HIDDEN);
         }
     }
 }

@@ -9,8 +9,11 @@ struct Cells {
     farthest: f32,
     // Of all samples, the largest of −x, −y, x, y and depth, as ordered(); 0 for none.
     largest: array<atomic<u32>, 5>,
-    // 1 + the pixel of the first sample of each; then the largest depth of the samples of each, as ordered(), 0 for
-    // none; then that of each block of cells.
+    // How many cells there may be.
+    room: i32,
+    // Where the samples of each cell begin, by their numbers, and behind the last where they end; then the largest depth
+    // of those of each cell, as ordered(), 0 for none; then of each quarter, of each block, and how many samples come
+    // before each quarter.
     cell: array<atomic<u32>>,
 }
 
@@ -18,6 +21,7 @@ struct Cells {
 @group(1) @binding(1) var<storage, read_write> samples: array<Sample>;
 @group(1) @binding(2) var<storage, read_write> grid: Cells;
 @group(1) @binding(3) var<storage, read_write> occlusion: array<atomic<u32>>;
+@group(1) @binding(5) var<storage, read_write> sorted: array<Sample>;
 
 struct DrawnRange {
     // Number of its first triangle among all arenas.
@@ -43,7 +47,7 @@ fn place(@builtin(global_invocation_id) id: vec3<u32>) {
     if triangle == NONE {
         // Pixels of other arenas are placed by their own dispatch.
         if identity == 0u {
-            samples[pixel].next = ABSENT;
+            samples[pixel].place = ABSENT;
         }
         return;
     }
@@ -63,9 +67,9 @@ fn place(@builtin(global_invocation_id) id: vec3<u32>) {
     let normal = normal_in_light_space(select(across, -across, is_back));
     let sample = sample_of(seen.model, normal, error);
     samples[pixel] = sample;
-    if sample.next == TURNED {
+    if sample.place == TURNED {
         atomicStore(&occlusion[pixel], HIDDEN);
-    } else if (sample.next == UNBINNED) & (frame.shadow.w > 0.0) {
+    } else if (sample.place == UNBINNED) & (frame.shadow.w > 0.0) {
         atomicStore(&occlusion[pixel], u32(below_horizon(seen.model, normal) * f32(HIDDEN)));
     }
 }
@@ -151,7 +155,7 @@ fn measure(@builtin(global_invocation_id) id: vec3<u32>) {
     let end = min(id.y * 64u + 64u, frame.area.w);
     for (var y = id.y * 64u; y < end; y++) {
         let sample = samples[number_of(frame.area.xy + vec2(id.x, y))];
-        if sample.next == UNBINNED {
+        if sample.place == UNBINNED {
             is_used = true;
             largest[0] = max(largest[0], -sample.x);
             largest[1] = max(largest[1], -sample.y);
@@ -178,14 +182,18 @@ fn lay_out() {
     // Without samples nothing is nearer than the farthest.
     grid.farthest = select(-3e38, largest[4], atomicLoad(&grid.largest[4]) != 0u);
     let extent = max(vec2(largest[2], largest[3]) - grid.low, vec2(1e-30));
-    // Two numbers for each cell. Blocks take no more than what is left: there are 64 cells to most of them, 8 to those
-    // of a grid of one row.
-    let room = f32((arrayLength(&grid.cell) - 64u) / 17u * 8u);
+    // By whole blocks.
+    let room = f32((arrayLength(&grid.cell) - 1u) / NUMBERS_OF_BLOCK);
     let columns = clamp(floor(sqrt(room * clamp(extent.x / extent.y, 1e-6, 1e6))), 1.0, room);
-    grid.size = vec2<i32>(vec2(columns, max(floor(room / columns), 1.0)));
-    grid.blocks = (grid.size.x + BLOCK - 1) / BLOCK;
+    let blocks = vec2<i32>(vec2(columns, max(floor(room / columns), 1.0)));
+    grid.room = i32(room) * CELLS_OF_BLOCK;
+    grid.size = blocks * BLOCK;
+    grid.blocks = blocks.x;
     grid.cells_per_unit = vec2<f32>(grid.size) / extent;
 }
+
+// For 64 cells: where they begin, how deep they are, and the same of four quarters and, but for where it begins, of the block.
+const NUMBERS_OF_BLOCK: u32 = 137u;
 
 @compute @workgroup_size(8, 8)
 fn bin(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -195,31 +203,111 @@ fn bin(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = frame.area.xy + id.xy;
     let pixel = number_of(at);
     let sample = samples[pixel];
-    if sample.next != UNBINNED {
+    if sample.place != UNBINNED {
         return;
     }
     let place = floor((vec2(sample.x, sample.y) - grid.low) * grid.cells_per_unit);
-    let cell = clamp(vec2<i32>(place), vec2(0), grid.size - 1);
-    samples[pixel].next = atomicExchange(&grid.cell[cell.y * grid.size.x + cell.x], pixel + 1u);
-    let cells = grid.size.x * grid.size.y;
-    atomicMax(&grid.cell[cells + cell.y * grid.size.x + cell.x], ordered(sample.depth));
+    let cell = number_of_cell(clamp(vec2<i32>(place), vec2(0), grid.size - 1), grid.blocks);
+    samples[pixel].place = u32(cell) + 1u;
+    atomicAdd(&grid.cell[cell + 1], 1u);
+    atomicMax(&grid.cell[grid.room + 1 + cell], ordered(sample.depth));
 }
 
-// The same for blocks, of which a thread has one.
+fn first_of_quarters() -> i32 {
+    return 2 * grid.room + 1;
+}
+
+fn first_of_blocks() -> i32 {
+    return first_of_quarters() + grid.room / CELLS_OF_QUARTER;
+}
+
+// How many samples come before each quarter.
+fn first_of_befores() -> i32 {
+    return first_of_blocks() + grid.room / CELLS_OF_BLOCK;
+}
+
+fn block_count() -> i32 {
+    return grid.blocks * (grid.size.y / BLOCK);
+}
+
+// Of each block, by a thread: the largest depths, and how many samples its quarters have.
 @compute @workgroup_size(64)
-fn deepen(@builtin(global_invocation_id) id: vec3<u32>) {
-    let block = vec2(i32(id.x) % grid.blocks, i32(id.x) / grid.blocks);
-    let first = block * BLOCK;
-    if first.y >= grid.size.y {
+fn sum_up(@builtin(global_invocation_id) id: vec3<u32>) {
+    let block = i32(id.x);
+    if block >= block_count() {
         return;
     }
-    let end = min(first + BLOCK, grid.size);
-    let cells = grid.size.x * grid.size.y;
-    var deepest = 0u;
-    for (var y = first.y; y < end.y; y++) {
-        for (var x = first.x; x < end.x; x++) {
-            deepest = max(deepest, atomicLoad(&grid.cell[cells + y * grid.size.x + x]));
+    var deepest_of_all = 0u;
+    for (var quarter = 4 * block; quarter < 4 * block + 4; quarter++) {
+        var deepest = 0u;
+        var count = 0u;
+        for (var i = 0; i < CELLS_OF_QUARTER; i++) {
+            let cell = quarter * CELLS_OF_QUARTER + i;
+            count += atomicLoad(&grid.cell[cell + 1]);
+            deepest = max(deepest, atomicLoad(&grid.cell[grid.room + 1 + cell]));
         }
+        atomicStore(&grid.cell[first_of_quarters() + quarter], deepest);
+        atomicStore(&grid.cell[first_of_befores() + quarter], count);
+        deepest_of_all = max(deepest_of_all, deepest);
     }
-    atomicStore(&grid.cell[2 * cells + block.y * grid.blocks + block.x], deepest);
+    atomicStore(&grid.cell[first_of_blocks() + block], deepest_of_all);
+}
+
+const SCANNERS: u32 = 256u;
+
+var<workgroup> sums: array<u32, SCANNERS>;
+
+// From how many samples quarters have to how many come before: each thread has a share of them.
+@compute @workgroup_size(SCANNERS)
+fn scan(@builtin(local_invocation_index) i: u32) {
+    let count = 4 * block_count();
+    let share = (count + i32(SCANNERS) - 1) / i32(SCANNERS);
+    let first = first_of_befores() + min(i32(i) * share, count);
+    let end = first_of_befores() + min((i32(i) + 1) * share, count);
+    var sum = 0u;
+    for (var q = first; q < end; q++) {
+        sum += atomicLoad(&grid.cell[q]);
+    }
+    sums[i] = sum;
+    workgroupBarrier();
+    var before = 0u;
+    for (var k = 0u; k < i; k++) {
+        before += sums[k];
+    }
+    for (var q = first; q < end; q++) {
+        let here = atomicLoad(&grid.cell[q]);
+        atomicStore(&grid.cell[q], before);
+        before += here;
+    }
+}
+
+// Where the samples of each cell begin, of a quarter's by a thread: kept with the next cell, whose beginning it is when they
+// are sorted.
+@compute @workgroup_size(64)
+fn number(@builtin(global_invocation_id) id: vec3<u32>) {
+    let quarter = i32(id.x);
+    if quarter >= 4 * block_count() {
+        return;
+    }
+    var before = atomicLoad(&grid.cell[first_of_befores() + quarter]);
+    for (var i = 1; i <= CELLS_OF_QUARTER; i++) {
+        let cell = quarter * CELLS_OF_QUARTER + i;
+        let here = atomicLoad(&grid.cell[cell]);
+        atomicStore(&grid.cell[cell], before);
+        before += here;
+    }
+}
+
+@compute @workgroup_size(8, 8)
+fn sort(@builtin(global_invocation_id) id: vec3<u32>) {
+    if any(id.xy >= frame.area.zw) {
+        return;
+    }
+    let pixel = number_of(frame.area.xy + id.xy);
+    let sample = samples[pixel];
+    if (sample.place == UNBINNED) | (sample.place >= TURNED) {
+        return;
+    }
+    let slot = atomicAdd(&grid.cell[sample.place], 1u);
+    sorted[slot] = Sample(sample.x, sample.y, sample.depth, sample.slack, pixel);
 }

@@ -8,9 +8,9 @@
 // the distance from the light, linear across a triangle. Parallel light: w = 1, z the distance along
 // its rays. A point: w the distance along its axis and z = −1.
 //
-// samples.wgsl: place: points → samples · measure: their bounds · lay_out: bounds → grid · bin:
-// samples → cells · deepen: cells → blocks of them. occlude.wgsl: occlude: triangles against cells · occlude_tiles: what is left of
-// large ones.
+// samples.wgsl: place: points → samples · measure: their bounds · lay_out: bounds → grid · bin: how many samples cells
+// have · sum_up, scan, number: where those of each begin · sort: samples cell by cell. occlude.wgsl: occlude: triangles
+// against cells · occlude_tiles: what is left of large ones.
 
 struct Sample {
     // On the light's picture.
@@ -20,17 +20,31 @@ struct Sample {
     depth: f32,
     // and by so much more for each unit of length that what hides it may be wrong.
     slack: f32,
-    // 1 + the pixel of the next sample in its cell; before they are binned UNBINNED, or why it has no
-    // place in one: ABSENT, or TURNED away from the light.
-    next: u32,
+    // Pixel by pixel: 1 + the number of its cell; before they are binned UNBINNED, or why it has no place in one: ABSENT,
+    // or TURNED away from the light. Sorted by cells: its pixel.
+    place: u32,
 }
 
 const UNBINNED: u32 = 0u;
 const TURNED: u32 = 0xfffffffeu;
 const ABSENT: u32 = 0xffffffffu;
 
-// Cells along a block's side.
+// Cells along the side of a block, and of its quarters.
 const BLOCK: i32 = 8;
+const QUARTER: i32 = 4;
+const CELLS_OF_BLOCK: i32 = 64;
+const CELLS_OF_QUARTER: i32 = 16;
+
+// Cells are numbered block by block, of a block quarter by quarter: what is near each other lies near each other.
+fn number_of_cell(cell: vec2<i32>, blocks_in_row: i32) -> i32 {
+    let block = cell / BLOCK;
+    let within = cell % BLOCK;
+    let quarter = within / QUARTER;
+    let last = within % QUARTER;
+    return (block.y * blocks_in_row + block.x) * CELLS_OF_BLOCK
+        + (quarter.y * 2 + quarter.x) * CELLS_OF_QUARTER
+        + last.y * QUARTER + last.x;
+}
 
 // Grows with f, and is never 0.
 fn ordered(f: f32) -> u32 {

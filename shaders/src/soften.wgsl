@@ -137,59 +137,64 @@ fn may_reach(outline: Outline, low: vec2<f32>, high: vec2<f32>, deepest: f32) ->
     let beside = max(outline.low - high, low - outline.high);
     let half = (high - low) / 2.0;
     let from_edge = abs(dot(outline.normal, low + half - outline.start)) - dot(abs(outline.normal), half);
-    return (deepest > outline.nearest) & all(beside <= vec2(reach)) & (from_edge <= reach);
-}
-
-// The entry of a cell; 0 where none of its samples is reached.
-fn entry_of(outline: Outline, cell: vec2<i32>) -> u32 {
-    let size = 1.0 / grid.cells_per_unit;
-    let low = grid.low + size * (vec2<f32>(cell) - 0.02);
-    let is_reached = may_reach(outline, low, low + 1.04 * size, deepest_of(cell));
-    return select(0u, grid.cell[cell.y * grid.size.x + cell.x], is_reached);
+    return (deepest > outline.nearest) & (length(max(beside, vec2(0.0))) <= reach) & (from_edge <= reach);
 }
 
 // Adds to the samples of a rectangle of cells.
 fn add(first: vec2<i32>, last: vec2<i32>, tile: Tile) {
-    let outline = outline_of(tile);
+    let nearest = outline_of(tile).nearest;
+    // Nothing behind it where it may cover four cells at most: most of what is lit is left here.
+    if all(last - first < vec2(2)) {
+        let behind = max(
+            max(deepest_of(first), deepest_of(vec2(last.x, first.y))),
+            max(deepest_of(vec2(first.x, last.y)), deepest_of(last)),
+        );
+        if behind <= nearest {
+            return;
+        }
+    }
     var at = first;
-    var entry = entry_of(outline, at);
+    var run = run_in_row(at, last.x);
     loop {
-        if entry == 0u {
-            at.x++;
+        if run.at == run.end {
+            at.x = end_in_row(at.x);
             if at.x > last.x {
                 at = vec2(first.x, at.y + 1);
                 if at.y > last.y {
                     break;
                 }
             }
-            entry = entry_of(outline, at);
+            run = run_in_row(at, last.x);
             continue;
         }
-        let pixel = entry - 1u;
-        var sample = samples[pixel];
-        entry = sample.next;
-        sample.depth -= sample.slack * tile.error;
-        if tile.kind == DISC {
-            sample.depth -= tile.noise;
-            let hidden = places_hidden(sample, tile);
-            if hidden.x != 0u {
-                atomicOr(&sums[4u * pixel + 2u], bitcast<i32>(hidden.x));
-            }
-            if hidden.y != 0u {
-                atomicOr(&sums[4u * pixel + 3u], bitcast<i32>(hidden.y));
-            }
-            continue;
+        add_to(samples[run.at], tile);
+        run.at++;
+    }
+}
+
+fn add_to(seen: Sample, tile: Tile) {
+    var sample = seen;
+    sample.depth -= sample.slack * tile.error;
+    if tile.kind == DISC {
+        sample.depth -= tile.noise;
+        let hidden = places_hidden(sample, tile);
+        if hidden.x != 0u {
+            atomicOr(&sums[4u * sample.place + 2u], bitcast<i32>(hidden.x));
         }
-        var part = 0.0;
-        if tile.kind == EDGE {
-            part = tile.facing * part_of_edge(sample, tile.a, tile.b);
-        } else if covers(sample, tile) {
-            part = 1.0;
+        if hidden.y != 0u {
+            atomicOr(&sums[4u * sample.place + 3u], bitcast<i32>(hidden.y));
         }
-        if part != 0.0 {
-            let sum = 4u * pixel + select(1u, 0u, tile.facing > 0.0);
-            atomicAdd(&sums[sum], i32(round(part * f32(HIDDEN))));
-        }
+        return;
+    }
+    var part = 0.0;
+    if tile.kind == EDGE {
+        part = tile.facing * part_of_edge(sample, tile.a, tile.b);
+    } else if covers(sample, tile) {
+        part = 1.0;
+    }
+    if part != 0.0 {
+        let sum = 4u * sample.place + select(1u, 0u, tile.facing > 0.0);
+        atomicAdd(&sums[sum], i32(round(part * f32(HIDDEN))));
     }
 }
 
@@ -454,7 +459,10 @@ fn soften(
     }
 }
 
-@compute @workgroup_size(64)
+// How many threads share a tile: as many as work in step. Each of them looks at all of the tile first.
+override TILE_THREADS: u32 = 64;
+
+@compute @workgroup_size(TILE_THREADS)
 fn soften_tiles(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(num_workgroups) groups: vec3<u32>,
@@ -463,9 +471,23 @@ fn soften_tiles(
     let count = min(atomicLoad(&tiles.count), arrayLength(&tiles.tile));
     for (var t = group.x; t < count; t += groups.x) {
         let tile = tiles.tile[t];
-        let cell = tile.cells.xy + vec2(i32(i) % BLOCK, i32(i) / BLOCK);
-        if all(cell <= tile.cells.zw) {
-            add(cell, cell, tile);
+        let outline = outline_of(tile);
+        let size = 1.0 / grid.cells_per_unit;
+        // What lies beside the tile's cells in a quarter of theirs is not reached, or has its part as well.
+        let first = tile.cells.xy / QUARTER;
+        let last = tile.cells.zw / QUARTER;
+        for (var y = first.y; y <= last.y; y++) {
+            for (var x = first.x; x <= last.x; x++) {
+                let quarter = vec2(x, y);
+                let low = grid.low + size * (vec2<f32>(quarter * QUARTER) - 0.02);
+                if !may_reach(outline, low, low + size * (f32(QUARTER) + 0.04), deepest_of_quarter(quarter)) {
+                    continue;
+                }
+                let run = run_of_quarter(quarter);
+                for (var s = run.at + i; s < run.end; s += TILE_THREADS) {
+                    add_to(samples[s], tile);
+                }
+            }
         }
     }
 }

@@ -203,7 +203,7 @@ impl Passes {
             DrawnShadow::Cast { map: Some(plan), .. } => {
                 let new = || ShadowMaps::new(gpu, &self.geometry_layout);
                 let maps = self.maps.get_or_insert_with(new);
-                Some(maps.prepare(gpu, shared[0], plan, &casters, targets, area))
+                Some(maps.prepare(gpu, self.shadow.samples(), plan, &casters, targets, area))
             }
             _ => None,
         };

@@ -82,7 +82,7 @@ pub(super) fn compute_pipelines<const N: usize>(
     groups: &[Option<&wgpu::BindGroupLayout>],
     pass: hlod_shaders::Pass,
     entry_points: [&str; N],
-    constants: &Constants,
+    constants: &[(&'static str, f64)],
 ) -> [wgpu::ComputePipeline; N] {
     let layout = pipeline_layout(gpu, pass.name, groups);
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
@@ -95,7 +95,10 @@ pub(super) fn compute_pipelines<const N: usize>(
             layout: Some(&layout),
             module: &module,
             entry_point: Some(entry_point),
-            compilation_options: with(constants),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                constants,
+                ..Default::default()
+            },
             cache: None,
         })
     })

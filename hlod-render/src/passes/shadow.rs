@@ -16,9 +16,9 @@ use crate::traced::HIDDEN;
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Sample {
-    place: [f32; 3],
+    position: [f32; 3],
     slack: f32,
-    next: u32,
+    place: u32,
 }
 
 /// See `samples.wgsl`.
@@ -44,19 +44,26 @@ const TILE_GROUPS: u32 = 256;
 const SIDE: u32 = 8;
 /// Pixels that `measure` has in a column, and columns of a workgroup.
 const COLUMN: u32 = 64;
-/// Divisible by 8.
-const CELLS_MIN: u64 = 1 << 12;
+/// Cells of a block, and numbers that a grid has of them: see `samples.wgsl`.
+const BLOCK_CELLS: u64 = 64;
+const BLOCK_NUMBERS: u64 = 137;
+const BLOCKS_MIN: u64 = 1 << 6;
 
 pub(super) struct HardShadows {
     place: wgpu::ComputePipeline,
     measure: wgpu::ComputePipeline,
     lay_out: wgpu::ComputePipeline,
     bin: wgpu::ComputePipeline,
-    deepen: wgpu::ComputePipeline,
+    sum_up: wgpu::ComputePipeline,
+    scan: wgpu::ComputePipeline,
+    number: wgpu::ComputePipeline,
+    sort: wgpu::ComputePipeline,
     occlude: wgpu::ComputePipeline,
     occlude_tiles: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
+    /// Pixel by pixel, and cell by cell.
     samples: wgpu::Buffer,
+    sorted: wgpu::Buffer,
     cells: wgpu::Buffer,
     tiles: wgpu::Buffer,
     chunks: wgpu::Buffer,
@@ -84,7 +91,9 @@ pub(super) enum How<'a> {
 /// What one frame gives to the passes.
 pub(super) struct Work {
     pub(super) chunks: Chunks,
-    bind_group: wgpu::BindGroup,
+    /// For what makes samples, and for what hides them.
+    placing: wgpu::BindGroup,
+    hiding: wgpu::BindGroup,
     area: Rectangle,
     cell_bytes: u64,
     blocks_most: u32,
@@ -118,8 +127,8 @@ impl HardShadows {
             ],
         });
         let groups = [Some(geometry_layout), Some(&layout)];
-        let names = ["place", "measure", "lay_out", "bin", "deepen"];
-        let [place, measure, lay_out, bin, deepen] =
+        let names = ["place", "measure", "lay_out", "bin", "sum_up", "scan", "number", "sort"];
+        let [place, measure, lay_out, bin, sum_up, scan, number, sort] =
             compute_pipelines(gpu, &groups, hlod_shaders::SAMPLES, names, &constants(false));
         let names = ["occlude", "occlude_tiles"];
         let [occlude, occlude_tiles] =
@@ -130,11 +139,15 @@ impl HardShadows {
             measure,
             lay_out,
             bin,
-            deepen,
+            sum_up,
+            scan,
+            number,
+            sort,
             occlude,
             occlude_tiles,
             layout,
             samples: buffer(gpu, "samples", SAMPLE_BYTES, usage | wgpu::BufferUsages::COPY_SRC),
+            sorted: buffer(gpu, "sorted samples", SAMPLE_BYTES, usage),
             cells: buffer(gpu, "cells", GRID_BYTES, usage),
             tiles: buffer(
                 gpu,
@@ -191,14 +204,13 @@ impl HardShadows {
         let pixels = u64::from(targets.width()) * u64::from(targets.height());
         // About two samples a cell where half of the area is covered: fewer cells hold more samples to
         // test, more are more to look into.
-        let cell_count =
-            (u64::from(area.width) * u64::from(area.height) / 4).max(CELLS_MIN).next_multiple_of(8);
-        // Two numbers for each, and a block for every eight of them at most.
-        let blocks_most = (cell_count / 8 + 64) as u32;
-        let cell_count = cell_count / 8 * 17 + 64;
+        let cells = u64::from(area.width) * u64::from(area.height) / 4;
+        let blocks_most = cells.div_ceil(BLOCK_CELLS).max(BLOCKS_MIN);
+        let cell_bytes = GRID_BYTES + 4 * (BLOCK_NUMBERS * blocks_most + 1);
         for (target, bytes) in [
             (&mut self.samples, SAMPLE_BYTES * pixels),
-            (&mut self.cells, GRID_BYTES + 4 * cell_count),
+            (&mut self.sorted, SAMPLE_BYTES * pixels),
+            (&mut self.cells, cell_bytes),
         ] {
             if target.size() < bytes {
                 *target = buffer(gpu, "shadow", bytes, target.usage());
@@ -207,33 +219,46 @@ impl HardShadows {
         let cells = wgpu::BufferBinding {
             buffer: &self.cells,
             offset: 0,
-            size: std::num::NonZeroU64::new(GRID_BYTES + 4 * cell_count),
+            size: std::num::NonZeroU64::new(cell_bytes),
         };
-        let entries = [
-            wgpu::BindGroupEntry {
-                binding: 0,
-                resource: wgpu::BindingResource::TextureView(targets.identity_view()),
-            },
-            entry(1, &self.samples),
-            wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::Buffer(cells) },
-            entry(3, targets.occlusion(gpu)),
-            entry(4, &self.chunks),
-            entry(5, &self.tiles),
-            entry(6, &self.drawn),
-        ];
-        let bind_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("shadow"),
-            layout: &self.layout,
-            entries: &entries,
-        });
-        Work { chunks, bind_group, area, cell_bytes: GRID_BYTES + 4 * cell_count, blocks_most }
+        // What makes samples sorts them as well; what hides them finds them sorted.
+        let group = |samples, tiles_or_sorted| {
+            let entries = [
+                wgpu::BindGroupEntry {
+                    binding: 0,
+                    resource: wgpu::BindingResource::TextureView(targets.identity_view()),
+                },
+                entry(1, samples),
+                wgpu::BindGroupEntry {
+                    binding: 2,
+                    resource: wgpu::BindingResource::Buffer(cells.clone()),
+                },
+                entry(3, targets.occlusion(gpu)),
+                entry(4, &self.chunks),
+                entry(5, tiles_or_sorted),
+                entry(6, &self.drawn),
+            ];
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("shadow"),
+                layout: &self.layout,
+                entries: &entries,
+            })
+        };
+        let placing = group(&self.samples, &self.sorted);
+        let hiding = group(&self.sorted, &self.tiles);
+        Work { chunks, placing, hiding, area, cell_bytes, blocks_most: blocks_most as u32 }
     }
 
-    /// What [`super::soft`] needs of these: samples and chunks, and cells.
+    /// Samples pixel by pixel.
+    pub(super) fn samples(&self) -> &wgpu::Buffer {
+        &self.samples
+    }
+
+    /// What [`super::soft`] needs of these: sorted samples and chunks, and cells.
     pub(super) fn shared(&self, work: &Work) -> ([&wgpu::Buffer; 2], wgpu::BufferBinding<'_>) {
         let size = std::num::NonZeroU64::new(work.cell_bytes);
         let cells = wgpu::BufferBinding { buffer: &self.cells, offset: 0, size };
-        ([&self.samples, &self.chunks], cells)
+        ([&self.sorted, &self.chunks], cells)
     }
 
     /// Finds which visible points are hidden, for every face of the light, or how much of it is.
@@ -262,7 +287,7 @@ impl HardShadows {
                 label: Some("shadow"),
                 timestamp_writes: None,
             });
-            pass.set_bind_group(1, &work.bind_group, &[]);
+            pass.set_bind_group(1, &work.placing, &[]);
             pass.set_pipeline(&self.place);
             for &(bind_group, offset) in &face.receivers {
                 pass.set_bind_group(0, bind_group, &[offset]);
@@ -282,14 +307,20 @@ impl HardShadows {
             pass.dispatch_workgroups(1, 1, 1);
             pass.set_pipeline(&self.bin);
             pass.dispatch_workgroups(columns, rows, 1);
+            pass.set_pipeline(&self.sum_up);
+            pass.dispatch_workgroups(work.blocks_most.div_ceil(64), 1, 1);
+            pass.set_pipeline(&self.scan);
+            pass.dispatch_workgroups(1, 1, 1);
+            pass.set_pipeline(&self.number);
+            pass.dispatch_workgroups((4 * work.blocks_most).div_ceil(64), 1, 1);
+            pass.set_pipeline(&self.sort);
+            pass.dispatch_workgroups(columns, rows, 1);
+            clock.mark_within(&mut pass, "samples");
             if let How::Soft(shadows, soft_work) = how {
-                pass.set_pipeline(&self.deepen);
-                pass.dispatch_workgroups(work.blocks_most.div_ceil(64), 1, 1);
-                clock.mark_within(&mut pass, "samples");
                 shadows.encode(&mut pass, work, soft_work, face, clock);
                 continue;
             }
-            clock.mark_within(&mut pass, "samples");
+            pass.set_bind_group(1, &work.hiding, &[]);
             pass.set_pipeline(&self.occlude);
             for (uniform, &(bind_group, offset)) in face.casters.iter().enumerate() {
                 pass.set_bind_group(0, bind_group, &[offset]);
@@ -321,13 +352,13 @@ impl HardShadows {
         let pixels = targets.width() as usize * targets.height() as usize;
         let mut occlusion = vec![0u32; pixels];
         // Where nothing is seen no sample is placed.
-        let none = vec![Sample { place: [0.0; 3], slack: 0.0, next: ABSENT }; pixels];
+        let none = vec![Sample { position: [0.0; 3], slack: 0.0, place: ABSENT }; pixels];
         for (f, face) in faces.iter().enumerate() {
             gpu.queue.write_buffer(&self.samples, 0, bytemuck::cast_slice(&none));
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
             {
                 let mut pass = encoder.begin_compute_pass(&Default::default());
-                pass.set_bind_group(1, &work.bind_group, &[]);
+                pass.set_bind_group(1, &work.placing, &[]);
                 pass.set_pipeline(&self.place);
                 for &(bind_group, offset) in &face.receivers {
                     pass.set_bind_group(0, bind_group, &[offset]);
@@ -338,10 +369,10 @@ impl HardShadows {
             let bytes = gpu.read_buffer(&self.samples, SAMPLE_BYTES * pixels as u64)?;
             let samples: Vec<Sample> = bytemuck::pod_collect_to_vec(&bytes);
             let placed: Vec<Option<[f32; 3]>> =
-                samples.iter().map(|s| (s.next < TURNED).then_some(s.place)).collect();
+                samples.iter().map(|s| (s.place < TURNED).then_some(s.position)).collect();
             for ((sum, part), sample) in occlusion.iter_mut().zip(hidden(f, &placed)).zip(&samples)
             {
-                let turned = if sample.next == TURNED { HIDDEN } else { 0 };
+                let turned = if sample.place == TURNED { HIDDEN } else { 0 };
                 *sum = (*sum).max(part).max(turned);
             }
         }

@@ -19,6 +19,12 @@ const SUM_BYTES: u64 = 16;
 /// Pixels of a workgroup's side.
 const SIDE: u32 = 8;
 
+/// Threads that share a tile. A processor does eight at a time, and the others of a workgroup after them: each of these
+/// would look at the tile again, which takes longer than its samples.
+fn tile_threads(gpu: &Gpu) -> f64 {
+    if gpu.is_software() { 8.0 } else { 64.0 }
+}
+
 pub(super) struct SoftShadows {
     soften: wgpu::ComputePipeline,
     soften_tiles: wgpu::ComputePipeline,
@@ -66,7 +72,7 @@ impl SoftShadows {
             &groups,
             hlod_shaders::SOFTEN,
             ["soften", "soften_tiles"],
-            &constants(false),
+            &[constants(false)[0], ("TILE_THREADS", tile_threads(gpu))],
         );
         let groups = [Some(geometry_layout), Some(&settle_layout)];
         let [settle] =
