@@ -12,8 +12,9 @@ struct Cells {
     // How many cells there may be.
     room: i32,
     // Where the samples of each cell begin, by their numbers, and behind the last where they end; then the largest depth
-    // of those of each cell, as ordered(), 0 for none; then of each quarter, of each block, and how many samples come
-    // before each quarter.
+    // of those of each cell, as ordered(), 0 for none; then of each quarter, of each block, how many samples come
+    // before each quarter, and by which depths each is ordered: how much one step is, and where the samples of each begin.
+    // Behind all that, samples' numbers, quarter by quarter, the deepest first.
     cell: array<u32>,
 }
 
@@ -59,10 +60,26 @@ fn run_in_row(cell: vec2<i32>, last: i32) -> Run {
     return Run(grid.cell[number], grid.cell[number + min(last + 1, end_in_row(cell.x)) - cell.x]);
 }
 
-// Those of a quarter of a block; quarters are counted as cells are.
-fn run_of_quarter(quarter: vec2<i32>) -> Run {
-    let number = number_of_cell(quarter * QUARTER, grid.blocks);
-    return Run(grid.cell[number], grid.cell[number + CELLS_OF_QUARTER]);
+// Those of a quarter of a block that are deeper than so, and some that are not, in the order of depth: by `ordered_sample`.
+// Quarters are counted as cells are.
+fn run_deeper(quarter: vec2<i32>, least: f32) -> Run {
+    let cell = number_of_cell(quarter * QUARTER, grid.blocks);
+    let kept = first_of_orders() + (STEPS + 1) * (cell / CELLS_OF_QUARTER);
+    let width = bitcast<f32>(grid.cell[kept]);
+    // With a margin for rounding.
+    let steps = (deepest_of_quarter(quarter) - least) / width * 1.0001 + 0.01;
+    let step = i32(clamp(steps, 0.0, f32(STEPS))) + 1;
+    let end = select(kept + 1 + min(step, STEPS - 1), cell + CELLS_OF_QUARTER, step >= STEPS);
+    return Run(grid.cell[cell], grid.cell[end]);
+}
+
+fn ordered_sample(place: u32) -> Sample {
+    let first = 1 + NUMBERS_OF_BLOCK * (grid.room / CELLS_OF_BLOCK);
+    return samples[grid.cell[first + i32(place)]];
+}
+
+fn first_of_orders() -> i32 {
+    return 1 + 2 * grid.room + 9 * (grid.room / CELLS_OF_BLOCK);
 }
 
 // Less than any depth where there is none.

@@ -12,8 +12,9 @@ struct Cells {
     // How many cells there may be.
     room: i32,
     // Where the samples of each cell begin, by their numbers, and behind the last where they end; then the largest depth
-    // of those of each cell, as ordered(), 0 for none; then of each quarter, of each block, and how many samples come
-    // before each quarter.
+    // of those of each cell, as ordered(), 0 for none; then of each quarter, of each block, how many samples come
+    // before each quarter, and by which depths each is ordered: how much one step is, and where the samples of each begin.
+    // Behind all that, samples' numbers, quarter by quarter, the deepest first.
     cell: array<atomic<u32>>,
 }
 
@@ -183,7 +184,8 @@ fn lay_out() {
     grid.farthest = select(-3e38, largest[4], atomicLoad(&grid.largest[4]) != 0u);
     let extent = max(vec2(largest[2], largest[3]) - grid.low, vec2(1e-30));
     // By whole blocks.
-    let room = f32((arrayLength(&grid.cell) - 1u) / NUMBERS_OF_BLOCK);
+    let numbers = arrayLength(&grid.cell) - 1u - frame.area.z * frame.area.w;
+    let room = f32(numbers / u32(NUMBERS_OF_BLOCK));
     let columns = clamp(floor(sqrt(room * clamp(extent.x / extent.y, 1e-6, 1e6))), 1.0, room);
     let blocks = vec2<i32>(vec2(columns, max(floor(room / columns), 1.0)));
     grid.room = i32(room) * CELLS_OF_BLOCK;
@@ -191,9 +193,6 @@ fn lay_out() {
     grid.blocks = blocks.x;
     grid.cells_per_unit = vec2<f32>(grid.size) / extent;
 }
-
-// For 64 cells: where they begin, how deep they are, and the same of four quarters and, but for where it begins, of the block.
-const NUMBERS_OF_BLOCK: u32 = 137u;
 
 @compute @workgroup_size(8, 8)
 fn bin(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -224,6 +223,14 @@ fn first_of_blocks() -> i32 {
 // How many samples come before each quarter.
 fn first_of_befores() -> i32 {
     return first_of_blocks() + grid.room / CELLS_OF_BLOCK;
+}
+
+fn first_of_orders() -> i32 {
+    return first_of_befores() + grid.room / CELLS_OF_QUARTER;
+}
+
+fn first_ordered() -> i32 {
+    return first_of_orders() + (STEPS + 1) * grid.room / CELLS_OF_QUARTER;
 }
 
 fn block_count() -> i32 {
@@ -310,4 +317,63 @@ fn sort(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let slot = atomicAdd(&grid.cell[sample.place], 1u);
     sorted[slot] = Sample(sample.x, sample.y, sample.depth, sample.slack, pixel);
+}
+
+// Threads that order a quarter's samples.
+override TILE_THREADS: u32 = 64;
+
+var<workgroup> shallowest: atomic<u32>;
+// Of each step, how many there are, then where the next one goes.
+var<workgroup> step_at: array<atomic<u32>, STEPS>;
+
+// Numbers of a quarter's samples by steps of depth, by a workgroup: what an edge reaches are the deepest.
+@compute @workgroup_size(TILE_THREADS)
+fn order(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) i: u32,
+) {
+    let number = i32(group.x + group.y * groups.x);
+    let is_used = number < 4 * block_count();
+    let quarter = select(0, number, is_used);
+    let first = atomicLoad(&grid.cell[quarter * CELLS_OF_QUARTER]);
+    let end = select(first, atomicLoad(&grid.cell[(quarter + 1) * CELLS_OF_QUARTER]), is_used);
+    if i == 0u {
+        atomicStore(&shallowest, 0xffffffffu);
+    }
+    workgroupBarrier();
+    for (var s = first + i; s < end; s += TILE_THREADS) {
+        atomicMin(&shallowest, ordered(sorted[s].depth));
+    }
+    workgroupBarrier();
+    let deepest = unordered(atomicLoad(&grid.cell[first_of_quarters() + quarter]));
+    let width = max((deepest - unordered(atomicLoad(&shallowest))) / f32(STEPS), 1e-30);
+    for (var s = first + i; s < end; s += TILE_THREADS) {
+        atomicAdd(&step_at[step_of(deepest - sorted[s].depth, width)], 1u);
+    }
+    workgroupBarrier();
+    if i == 0u {
+        let kept = first_of_orders() + (STEPS + 1) * quarter;
+        if is_used {
+            atomicStore(&grid.cell[kept], bitcast<u32>(width));
+        }
+        var before = first;
+        for (var step = 0; step < STEPS; step++) {
+            let count = atomicLoad(&step_at[step]);
+            atomicStore(&step_at[step], before);
+            if is_used {
+                atomicStore(&grid.cell[kept + 1 + step], before);
+            }
+            before += count;
+        }
+    }
+    workgroupBarrier();
+    for (var s = first + i; s < end; s += TILE_THREADS) {
+        let slot = atomicAdd(&step_at[step_of(deepest - sorted[s].depth, width)], 1u);
+        atomicStore(&grid.cell[first_ordered() + i32(slot)], s);
+    }
+}
+
+fn step_of(above: f32, width: f32) -> i32 {
+    return i32(clamp(above / width, 0.0, f32(STEPS - 1)));
 }

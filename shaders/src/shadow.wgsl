@@ -9,7 +9,7 @@
 // its rays. A point: w the distance along its axis and z = −1.
 //
 // samples.wgsl: place: points → samples · measure: their bounds · lay_out: bounds → grid · bin: how many samples cells
-// have · sum_up, scan, number: where those of each begin · sort: samples cell by cell. occlude.wgsl: occlude: triangles
+// have · sum_up, scan, number: where those of each begin · sort: samples cell by cell · order: the deepest first. occlude.wgsl: occlude: triangles
 // against cells · occlude_tiles: what is left of large ones.
 
 struct Sample {
@@ -34,6 +34,12 @@ const BLOCK: i32 = 8;
 const QUARTER: i32 = 4;
 const CELLS_OF_BLOCK: i32 = 64;
 const CELLS_OF_QUARTER: i32 = 16;
+
+// Numbers that are kept of a block: of its 64 cells where they begin and how deep they are, how deep it is and its quarters
+// are, how many samples come before these, and STEPS + 1 more for their order.
+const NUMBERS_OF_BLOCK: i32 = 173;
+// By depth, samples of a quarter are told apart by so many steps.
+const STEPS: i32 = 8;
 
 // Cells are numbered block by block, of a block quarter by quarter: what is near each other lies near each other.
 fn number_of_cell(cell: vec2<i32>, blocks_in_row: i32) -> i32 {

@@ -130,14 +130,13 @@ fn outline_of(tile: Tile) -> Outline {
     return Outline(low.xy, max(max(p.xy, q.xy), r.xy), low.z, normal, p.xy, spread);
 }
 
-// Whether any sample in a rectangle of the light's picture that is no deeper than `deepest` may be reached. With a margin for
-// rounding.
-fn may_reach(outline: Outline, low: vec2<f32>, high: vec2<f32>, deepest: f32) -> bool {
-    let reach = 1.001 * outline.spread * (deepest - outline.nearest);
+// No sample in a rectangle of the light's picture is reached unless it is deeper than this. With a margin for rounding.
+fn least_depth(outline: Outline, low: vec2<f32>, high: vec2<f32>) -> f32 {
     let beside = max(outline.low - high, low - outline.high);
     let half = (high - low) / 2.0;
     let from_edge = abs(dot(outline.normal, low + half - outline.start)) - dot(abs(outline.normal), half);
-    return (deepest > outline.nearest) & (length(max(beside, vec2(0.0))) <= reach) & (from_edge <= reach);
+    let away = max(length(max(beside, vec2(0.0))), from_edge);
+    return outline.nearest - 2e-7 * abs(outline.nearest) + away / max(1.001 * outline.spread, 1e-30);
 }
 
 // Adds to the samples of a rectangle of cells.
@@ -336,7 +335,7 @@ fn add_or_divide(tile: Tile) {
         for (var x = first.x; x <= last.x; x++) {
             let block = vec2(x, y);
             let low = grid.low + size * (vec2<f32>(block * BLOCK) - 0.02);
-            if !may_reach(outline, low, low + size * (f32(BLOCK) + 0.04), deepest_of_block(block)) {
+            if deepest_of_block(block) <= least_depth(outline, low, low + size * (f32(BLOCK) + 0.04)) {
                 continue;
             }
             let slot = atomicAdd(&tiles.count, 1u);
@@ -480,12 +479,13 @@ fn soften_tiles(
             for (var x = first.x; x <= last.x; x++) {
                 let quarter = vec2(x, y);
                 let low = grid.low + size * (vec2<f32>(quarter * QUARTER) - 0.02);
-                if !may_reach(outline, low, low + size * (f32(QUARTER) + 0.04), deepest_of_quarter(quarter)) {
+                let least = least_depth(outline, low, low + size * (f32(QUARTER) + 0.04));
+                if deepest_of_quarter(quarter) <= least {
                     continue;
                 }
-                let run = run_of_quarter(quarter);
+                let run = run_deeper(quarter, least);
                 for (var s = run.at + i; s < run.end; s += TILE_THREADS) {
-                    add_to(samples[s], tile);
+                    add_to(ordered_sample(s), tile);
                 }
             }
         }

@@ -12,6 +12,13 @@ pub(super) fn constants(is_clipped: bool) -> Constants {
     [("CLIPPED", f64::from(u8::from(is_clipped)))]
 }
 
+/// The same where threads share a tile. A processor does eight at a time, and the others of a workgroup after them: each of
+/// these would look at the tile again, which takes longer than its samples.
+pub(super) fn of_tiles(gpu: &Gpu) -> [(&'static str, f64); 2] {
+    let threads = if gpu.is_software() { 8.0 } else { 64.0 };
+    [constants(false)[0], ("TILE_THREADS", threads)]
+}
+
 pub(super) fn with(constants: &Constants) -> wgpu::PipelineCompilationOptions<'_> {
     wgpu::PipelineCompilationOptions { constants, ..Default::default() }
 }

@@ -5,7 +5,9 @@ use bytemuck::{Pod, Zeroable};
 use super::chunks::Chunks;
 use super::clock::StageClock;
 use super::map::{MapWork, ShadowMaps};
-use super::resources::{buffer, compute_pipelines, constants, entry, storage_entry, write_growing};
+use super::resources::{
+    buffer, compute_pipelines, constants, entry, of_tiles, storage_entry, write_growing,
+};
 use super::soft::{SoftShadows, SoftWork};
 use super::{Hidden, Range, Rectangle, Targets};
 use crate::error::RenderError;
@@ -40,13 +42,15 @@ const TILE_BYTES: u64 = 80;
 const TILES: u64 = 1 << 15;
 /// Workgroups that share the tiles.
 const TILE_GROUPS: u32 = 256;
+/// Workgroups in a row, at most.
+const ROW: u32 = 32_768;
 /// Pixels of a workgroup's side.
 const SIDE: u32 = 8;
 /// Pixels that `measure` has in a column, and columns of a workgroup.
 const COLUMN: u32 = 64;
 /// Cells of a block, and numbers that a grid has of them: see `samples.wgsl`.
 const BLOCK_CELLS: u64 = 64;
-const BLOCK_NUMBERS: u64 = 137;
+const BLOCK_NUMBERS: u64 = 173;
 const BLOCKS_MIN: u64 = 1 << 6;
 
 pub(super) struct HardShadows {
@@ -58,6 +62,7 @@ pub(super) struct HardShadows {
     scan: wgpu::ComputePipeline,
     number: wgpu::ComputePipeline,
     sort: wgpu::ComputePipeline,
+    order: wgpu::ComputePipeline,
     occlude: wgpu::ComputePipeline,
     occlude_tiles: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
@@ -96,6 +101,8 @@ pub(super) struct Work {
     hiding: wgpu::BindGroup,
     area: Rectangle,
     cell_bytes: u64,
+    /// Of these, what begins as zeros.
+    counted_bytes: u64,
     blocks_most: u32,
 }
 
@@ -127,9 +134,10 @@ impl HardShadows {
             ],
         });
         let groups = [Some(geometry_layout), Some(&layout)];
-        let names = ["place", "measure", "lay_out", "bin", "sum_up", "scan", "number", "sort"];
-        let [place, measure, lay_out, bin, sum_up, scan, number, sort] =
-            compute_pipelines(gpu, &groups, hlod_shaders::SAMPLES, names, &constants(false));
+        let names =
+            ["place", "measure", "lay_out", "bin", "sum_up", "scan", "number", "sort", "order"];
+        let [place, measure, lay_out, bin, sum_up, scan, number, sort, order] =
+            compute_pipelines(gpu, &groups, hlod_shaders::SAMPLES, names, &of_tiles(gpu));
         let names = ["occlude", "occlude_tiles"];
         let [occlude, occlude_tiles] =
             compute_pipelines(gpu, &groups, hlod_shaders::OCCLUDE, names, &constants(false));
@@ -143,6 +151,7 @@ impl HardShadows {
             scan,
             number,
             sort,
+            order,
             occlude,
             occlude_tiles,
             layout,
@@ -206,7 +215,9 @@ impl HardShadows {
         // test, more are more to look into.
         let cells = u64::from(area.width) * u64::from(area.height) / 4;
         let blocks_most = cells.div_ceil(BLOCK_CELLS).max(BLOCKS_MIN);
-        let cell_bytes = GRID_BYTES + 4 * (BLOCK_NUMBERS * blocks_most + 1);
+        let counted_bytes = GRID_BYTES + 4 * (BLOCK_NUMBERS * blocks_most + 1);
+        // And a number for each sample.
+        let cell_bytes = counted_bytes + 4 * u64::from(area.width) * u64::from(area.height);
         for (target, bytes) in [
             (&mut self.samples, SAMPLE_BYTES * pixels),
             (&mut self.sorted, SAMPLE_BYTES * pixels),
@@ -246,7 +257,15 @@ impl HardShadows {
         };
         let placing = group(&self.samples, &self.sorted);
         let hiding = group(&self.sorted, &self.tiles);
-        Work { chunks, placing, hiding, area, cell_bytes, blocks_most: blocks_most as u32 }
+        Work {
+            chunks,
+            placing,
+            hiding,
+            area,
+            cell_bytes,
+            counted_bytes,
+            blocks_most: blocks_most as u32,
+        }
     }
 
     /// Samples pixel by pixel.
@@ -279,7 +298,7 @@ impl HardShadows {
                 shadows.begin_face(encoder);
             }
             if !matches!(how, How::Map(..)) {
-                encoder.clear_buffer(&self.cells, 0, None);
+                encoder.clear_buffer(&self.cells, 0, Some(work.counted_bytes));
                 // Their number, not that of those beyond.
                 encoder.clear_buffer(&self.tiles, 0, Some(4));
             }
@@ -315,11 +334,16 @@ impl HardShadows {
             pass.dispatch_workgroups((4 * work.blocks_most).div_ceil(64), 1, 1);
             pass.set_pipeline(&self.sort);
             pass.dispatch_workgroups(columns, rows, 1);
-            clock.mark_within(&mut pass, "samples");
             if let How::Soft(shadows, soft_work) = how {
+                let quarters = 4 * work.blocks_most;
+                let rows = quarters.div_ceil(ROW);
+                pass.set_pipeline(&self.order);
+                pass.dispatch_workgroups(quarters.div_ceil(rows), rows, 1);
+                clock.mark_within(&mut pass, "samples");
                 shadows.encode(&mut pass, work, soft_work, face, clock);
                 continue;
             }
+            clock.mark_within(&mut pass, "samples");
             pass.set_bind_group(1, &work.hiding, &[]);
             pass.set_pipeline(&self.occlude);
             for (uniform, &(bind_group, offset)) in face.casters.iter().enumerate() {

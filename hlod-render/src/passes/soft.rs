@@ -1,7 +1,7 @@
 //! Soft shadows: see `soften.wgsl`.
 
 use super::clock::StageClock;
-use super::resources::{buffer, compute_pipelines, constants, entry, storage_entry};
+use super::resources::{buffer, compute_pipelines, constants, entry, of_tiles, storage_entry};
 use super::shadow::{LightFace, Work, tiles_beyond};
 use super::{Rectangle, Targets};
 use crate::arena::Arena;
@@ -18,12 +18,6 @@ const TILE_GROUPS: u32 = 1024;
 const SUM_BYTES: u64 = 16;
 /// Pixels of a workgroup's side.
 const SIDE: u32 = 8;
-
-/// Threads that share a tile. A processor does eight at a time, and the others of a workgroup after them: each of these
-/// would look at the tile again, which takes longer than its samples.
-fn tile_threads(gpu: &Gpu) -> f64 {
-    if gpu.is_software() { 8.0 } else { 64.0 }
-}
 
 pub(super) struct SoftShadows {
     soften: wgpu::ComputePipeline,
@@ -72,7 +66,7 @@ impl SoftShadows {
             &groups,
             hlod_shaders::SOFTEN,
             ["soften", "soften_tiles"],
-            &[constants(false)[0], ("TILE_THREADS", tile_threads(gpu))],
+            &of_tiles(gpu),
         );
         let groups = [Some(geometry_layout), Some(&settle_layout)];
         let [settle] =
