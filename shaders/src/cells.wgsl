@@ -43,12 +43,6 @@ struct Run {
     end: u32,
 }
 
-// Those of a cell.
-fn run_of(cell: vec2<i32>) -> Run {
-    let number = number_of_cell(cell, grid.blocks);
-    return Run(grid.cell[number], grid.cell[number + 1]);
-}
-
 // Behind the last cell of a row that is in the same quarter of a block.
 fn end_in_row(x: i32) -> i32 {
     return (x | (QUARTER - 1)) + 1;

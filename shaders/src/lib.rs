@@ -79,7 +79,7 @@ pub const SHADE: Pass = Pass {
     ),
 };
 
-/// Visible points, as the light sees them, into a grid: `place`, `measure`, `lay_out`, `bin`.
+/// Visible points, as the light sees them, into a grid: see `shadow.wgsl`.
 pub const SAMPLES: Pass = Pass {
     name: "samples",
     source: concat!(

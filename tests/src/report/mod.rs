@@ -130,14 +130,19 @@ pub fn report(
 ) -> Result<PathBuf, ReportError> {
     let begin = Instant::now();
     let extent = if options.quick { QUICK } else { FULL };
-    for folder in [&options.folder, &options.output] {
+    // What is stopped early does not take the place of a whole report.
+    let draft = options.folder.join("draft");
+    if draft.exists() {
+        std::fs::remove_dir_all(&draft).map_err(ReportError::io(&draft, "remove"))?;
+    }
+    for folder in [&options.folder, &draft, &options.output] {
         std::fs::create_dir_all(folder).map_err(ReportError::io(folder, "create"))?;
     }
     let programs = &programs.keeping(options.folder.join("measured"), options.resume)?;
     let stock = Stock { programs, folder: &options.folder, data: options.data.as_deref() };
     let models = models_of(&stock, options, say)?;
     let machine = machine(programs, &models)?;
-    let path = options.output.join("RESULTS.md");
+    let path = draft.join("RESULTS.md");
     let (mut targets, mut sections) = (Vec::new(), Vec::new());
     for part in 0..PARTS {
         sections.push(match part {
@@ -145,13 +150,13 @@ pub fn report(
             1 => paper::nodes(&models, &stock, &extent, say)?,
             2 => paper::growth(&models, &stock, &extent, &mut targets)?,
             3 => paper::frames(&models, &stock, &extent, &mut targets, say)?,
-            4 => paper::lights(&models, &stock, &extent, &options.output, &mut targets, say)?,
+            4 => paper::lights(&models, &stock, &extent, &draft, &mut targets, say)?,
             5 => paper::stages(&models, &stock, &extent, say)?,
             6 => beyond::decoding(&models)?,
             7 => beyond::policies(&models, &stock, &extent)?,
             8 => beyond::pictures(&models, &stock, &extent, &mut targets, say)?,
             9 => beyond::shadow_maps(&models, &stock, &extent, say)?,
-            _ => beyond::builds(&models, &stock, &options.output, &mut targets, say)?,
+            _ => beyond::builds(&models, &stock, &draft, &mut targets, say)?,
         });
         // What was measured stays, whatever comes after it.
         let mut all = vec![judged(&targets)];
@@ -162,7 +167,12 @@ pub fn report(
             .map_err(|error| ReportError::unexpected(path.display(), error))?;
     }
     models.iter().try_for_each(|model| stock.forget_scan(model))?;
-    Ok(path)
+    for entry in std::fs::read_dir(&draft).map_err(ReportError::io(&draft, "read"))? {
+        let entry = entry.map_err(ReportError::io(&draft, "read"))?;
+        let to = options.output.join(entry.file_name());
+        std::fs::copy(entry.path(), &to).map_err(ReportError::io(&to, "write"))?;
+    }
+    Ok(options.output.join("RESULTS.md"))
 }
 
 /// Parts of the report.
