@@ -73,9 +73,9 @@ pub(crate) struct Extent {
 
 const FULL: Extent = Extent {
     quick: false,
-    sizes: &[("640x480", 12), ("1920x1080", 6)],
+    sizes: &[("640x480", 12), ("1920x1080", 4)],
     paths: &["orbit", "approach", "sweep"],
-    light_frames: 12,
+    light_frames: 8,
     views: 3,
     seam_views: 20,
 };
@@ -153,10 +153,10 @@ pub fn report(
             4 => paper::lights(&models, &stock, &extent, &draft, &mut targets, say)?,
             5 => paper::stages(&models, &stock, &extent, say)?,
             6 => beyond::decoding(&models)?,
-            7 => beyond::policies(&models, &stock, &extent)?,
-            8 => beyond::pictures(&models, &stock, &extent, &mut targets, say)?,
-            9 => beyond::shadow_maps(&models, &stock, &extent, say)?,
-            _ => beyond::builds(&models, &stock, &draft, &mut targets, say)?,
+            7 => beyond::builds(&models, &stock, &draft, &mut targets, say)?,
+            8 => beyond::policies(&models, &stock, &extent)?,
+            9 => beyond::pictures(&models, &stock, &extent, &mut targets, say)?,
+            _ => beyond::shadow_maps(&models, &stock, &extent, say)?,
         });
         // What was measured stays, whatever comes after it.
         let mut all = vec![judged(&targets)];

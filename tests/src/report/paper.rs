@@ -13,6 +13,12 @@ use super::{Extent, Target};
 /// Above this many triangles full resolution is measured over few frames, and other levels are not built.
 const LARGE: f64 = 1e7;
 
+/// Below this many triangles scans are drawn as they are, from most places: they tell little of levels that cast.
+const SMALL: f64 = 5e5;
+
+/// Above this many triangles tables 3 and 4 would take hours to tell what [`growth`] tells in minutes.
+const TABLED: f64 = 3e7;
+
 /// Table 1: sizes.
 pub(super) fn sizes(models: &[Model]) -> Result<Section, ReportError> {
     let mut section = Section::new(
@@ -120,8 +126,9 @@ pub(super) fn frames(
          frames a second, the slowest frame's in brackets. Columns of a row took turns, five rounds, medians. \
          Triangles is a file as it is built without options; hybrid and points are files built with \
          `--representation`, below 10 M triangles; geometric and full are representations of the first. \
-         Full resolution has 4 frames along a path, 2 above 10 M triangles, the others 12, or 6 of 1920×1080: the \
-         ratio is of median frames, triangles against full, at the places that both have, where they have any.",
+         Full resolution has 4 frames along a path, 2 above 10 M triangles, the others 12, or 4 of 1920×1080: the \
+         ratio is of median frames, triangles against full, at the places that both have. Above 10 M triangles full is not \
+         measured at 1920×1080; models above 30 M triangles are under \"Frame time against size\".",
         &[
             "model",
             "size",
@@ -135,7 +142,7 @@ pub(super) fn frames(
             "thousand drawn, triangles",
         ],
     );
-    for model in models {
+    for model in models.iter().filter(|model| model.triangles < TABLED) {
         let others = match model.triangles < LARGE && !extent.quick {
             true => Some((
                 stock.with_levels(model, Levels::Hybrid, say)?,
@@ -150,24 +157,25 @@ pub(super) fn frames(
                 let full_frames = if model.triangles > LARGE { 2 } else { 4 };
                 let full = format!("{sized} --representation full");
                 let geometric = format!("{sized} --representation geometric");
-                let mut lines = vec![
-                    bench(&model.file, path, frames, &sized),
-                    bench(&model.file, path, full_frames, &full),
-                    bench(&model.file, path, frames, &geometric),
-                ];
-                if let Some((hybrid, points)) = &others {
-                    lines.push(bench(hybrid, path, frames, &sized));
-                    lines.push(bench(points, path, frames, &sized));
-                }
+                let mut lines = Vec::new();
+                let mut push = |line| {
+                    lines.push(line);
+                    lines.len() - 1
+                };
+                let triangles = push(bench(&model.file, path, frames, &sized));
+                let has_full = model.triangles < LARGE || size == extent.sizes[0].0;
+                let full = has_full.then(|| push(bench(&model.file, path, full_frames, &full)));
+                let geometric = push(bench(&model.file, path, frames, &geometric));
+                let others = others.as_ref().map(|(hybrid, points)| {
+                    [hybrid, points].map(|file| push(bench(file, path, frames, &sized)))
+                });
                 let turns = Turns::take(stock.programs, &lines)?;
-                let cell = |command: usize| {
-                    if command >= lines.len() {
-                        return "–".to_owned();
-                    }
+                let cell = |command: Option<usize>| {
+                    let Some(command) = command else { return "–".to_owned() };
                     let frames = turns.frames(command);
                     format!("{} ({})", fixed(frames.fps, 1), fixed(frames.fps_min, 1))
                 };
-                let ratio = turns.ratio_at_shared(0, 1);
+                let ratio = full.map_or(f64::NAN, |full| turns.ratio_at_shared(triangles, full));
                 if model.is_statue && *path == "orbit" && size == "640x480" {
                     let name = format!("{}: levels ÷ full resolution, `orbit`", model.name);
                     // The target is stated for 28 M triangles, and larger ones can only do better.
@@ -178,13 +186,13 @@ pub(super) fn frames(
                     model.name.clone(),
                     size.replace('x', "×"),
                     (*path).to_owned(),
-                    cell(0),
-                    cell(3),
-                    cell(2),
-                    cell(4),
-                    cell(1),
+                    cell(Some(triangles)),
+                    cell(others.map(|[hybrid, _]| hybrid)),
+                    cell(Some(geometric)),
+                    cell(others.map(|[_, points]| points)),
+                    cell(full),
                     if ratio.is_nan() { "–".to_owned() } else { fixed(ratio, 1) },
-                    fixed(turns.frames(0).primitives / 1e3, 0),
+                    fixed(turns.frames(triangles).primitives / 1e3, 0),
                 ]);
             }
         }
@@ -238,12 +246,14 @@ pub(super) fn lights(
         "Table 4: light types",
         "`hlod-render bench F.hlod --path bench-paths/P.json --shadow none|hard|soft --gpu-memory 4GB`, 640×480, \
          parallel light, 3° wide where soft; in turns, five rounds; frames a second, the slowest in brackets. The paper's \
-         ratios to no shadows are 0.70 to 0.86 for a point light and 0.20 to 0.33 for an area light.",
+         ratios to no shadows are 0.70 to 0.86 for a point light and 0.20 to 0.33 for an area light. Models of 0.5 to 30 M triangles.",
         &["model", "path", "none", "hard", "soft", "hard ÷ none", "soft ÷ none"],
     );
     let kinds = ["none", "hard", "soft"];
     let mut ratios = [Vec::new(), Vec::new()];
-    for (i, model) in models.iter().enumerate() {
+    let is_tabled = |model: &&Model| extent.quick || (SMALL..TABLED).contains(&model.triangles);
+    let models: Vec<&Model> = models.iter().filter(is_tabled).collect();
+    for (i, &model) in models.iter().enumerate() {
         for path in extent.paths {
             say(&format!("light types: {}, {path}", model.name));
             let line = |kind: &&str| {
@@ -297,7 +307,7 @@ pub(super) fn stages(
         "Where a frame's time goes",
         "`hlod-render bench F.hlod --path bench-paths/P.json --shadow S --stages --gpu-memory 4GB`, 640×480, once \
          each: mean milliseconds of the stages, on the processor until everything is submitted (choose), then by the GPU's clock; thousand \
-         primitives seen and casting. The largest statue.",
+         primitives seen and casting. The statue of figure 7.",
         &[
             "path",
             "light",
@@ -313,7 +323,8 @@ pub(super) fn stages(
             "shade",
         ],
     );
-    let Some(model) = models.iter().rfind(|model| model.is_statue) else { return Ok(section) };
+    let is_tabled = |model: &&Model| model.is_statue && model.triangles < TABLED;
+    let Some(model) = models.iter().rfind(is_tabled) else { return Ok(section) };
     for path in extent.paths {
         say(&format!("stages: {}, {path}", model.name));
         for light in ["none", "hard", "soft"] {
