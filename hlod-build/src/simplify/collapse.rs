@@ -10,8 +10,9 @@
 
 use glam::DVec3;
 
-use super::quadric::{Quadric, Rim};
+use super::quadric::Quadric;
 use super::queue::BucketQueue;
+use super::rims::Rims;
 use crate::certificate::NONE;
 
 /// Lengths are those of the positions; squared attributes are in the attributes' unit.
@@ -86,9 +87,7 @@ pub(super) struct Collapser<'a, const K: usize> {
     /// Pins whose vertices stay where the source has them, because certainty needs them there.
     released: Vec<bool>,
     quadrics: Vec<Quadric<K>>,
-    /// Which of `rims` a vertex has; [`NONE`] where it is on no open edge.
-    rim_of: Vec<u32>,
-    rims: Vec<Rim>,
+    rims: Rims,
     places: Vec<Place>,
     /// How often what a vertex stands for was taken back; each time it may lose less: [`CAUTION`].
     caution: Vec<u8>,
@@ -115,8 +114,7 @@ impl<'a, const K: usize> Collapser<'a, K> {
             pin_of_source: vec![NONE; count],
             released: Vec::new(),
             quadrics: vec![Quadric::default(); count],
-            rim_of: vec![NONE; count],
-            rims: Vec::new(),
+            rims: Rims::none_of(count),
             places: vec![Place::Inside; count],
             caution: vec![0; count],
             merged_into: (0..count as u32).collect(),
@@ -321,11 +319,7 @@ impl<'a, const K: usize> Collapser<'a, K> {
         if let Some(opposite) = opposite {
             let edge = [at(from), at(to), at(opposite)];
             self.quadrics[v as usize].add_border(edge);
-            if self.rim_of[v as usize] == NONE {
-                self.rim_of[v as usize] = self.rims.len() as u32;
-                self.rims.push(Rim::default());
-            }
-            self.rims[self.rim_of[v as usize] as usize].add_edge(edge);
+            self.rims.add_edge(v, edge);
         }
     }
 
@@ -448,7 +442,7 @@ impl<'a, const K: usize> Collapser<'a, K> {
         if candidate.distance2 > (va.allowance.min(vb.allowance) * share).powi(2) {
             return false;
         }
-        if self.rim_error(a, b, candidate.place)
+        if self.rims.error(a, b, candidate.place)
             > (RIM_SHARE * va.allowance.min(vb.allowance) * share).powi(2)
         {
             return false;
@@ -471,16 +465,6 @@ impl<'a, const K: usize> Collapser<'a, K> {
                 rest <= 0.0 || rest <= attributes.reach * share * self.slope_round(a, b, candidate)
             }
             None => true,
-        }
-    }
-
-    /// Mean square distance, in the surface, of a place from the open edges that two vertices stand for.
-    fn rim_error(&self, a: u32, b: u32, place: DVec3) -> f64 {
-        let rims = [a, b].map(|v| self.rims.get(self.rim_of[v as usize] as usize));
-        match rims {
-            [Some(a), Some(b)] => a.sum(b).error(place),
-            [Some(rim), None] | [None, Some(rim)] => rim.error(place),
-            [None, None] => 0.0,
         }
     }
 
@@ -608,15 +592,7 @@ impl<'a, const K: usize> Collapser<'a, K> {
         self.merged_into[a as usize] = b;
         let quadric = self.quadrics[a as usize];
         self.quadrics[b as usize].add(&quadric);
-        match [a, b].map(|v| self.rim_of[v as usize]) {
-            [NONE, _] => {}
-            [rim, NONE] => self.rim_of[b as usize] = rim,
-            [rim, kept] => {
-                let rim = self.rims[rim as usize];
-                self.rims[kept as usize].add(&rim);
-            }
-        }
-        self.rim_of[a as usize] = NONE;
+        self.rims.merge(a, b);
         let Vertex { fixed, allowance, pin, .. } = self.vertices[a as usize];
         let pinned =
             [a, b].map(|v| self.vertices[v as usize]).into_iter().find(|v| v.fixed == [true; 3]);
@@ -677,7 +653,7 @@ impl<'a, const K: usize> Collapser<'a, K> {
             self.caution[v] = caution[v].saturating_add(1);
             self.vertices[v] = self.source[v];
             self.quadrics[v] = Quadric::default();
-            self.rim_of[v] = NONE;
+            self.rims.forget(v as u32);
             self.pin_vertex(v);
         }
         self.gather_quadrics(|v| restored[v as usize]);

@@ -23,6 +23,7 @@ pub mod hot;
 mod prepare;
 mod quadric;
 mod queue;
+mod rims;
 
 use std::collections::HashMap;
 

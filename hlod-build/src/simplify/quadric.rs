@@ -31,7 +31,7 @@ fn add(to: &mut Symmetric, m: &Symmetric) {
 
 /// `pᵀ A p + 2 bᵀ p + c`.
 #[derive(Debug, Clone, Copy, Default)]
-struct Form {
+pub(super) struct Form {
     a: Symmetric,
     b: DVec3,
     c: f64,
@@ -39,19 +39,19 @@ struct Form {
 
 impl Form {
     /// The squared value of the linear function `g · p + d`, weighted.
-    fn add_squared(&mut self, g: DVec3, d: f64, weight: f64) {
+    pub(super) fn add_squared(&mut self, g: DVec3, d: f64, weight: f64) {
         add(&mut self.a, &outer(g, weight));
         self.b += g * (d * weight);
         self.c += d * d * weight;
     }
 
-    fn add(&mut self, other: &Form) {
+    pub(super) fn add(&mut self, other: &Form) {
         add(&mut self.a, &other.a);
         self.b += other.b;
         self.c += other.c;
     }
 
-    fn at(&self, p: DVec3) -> f64 {
+    pub(super) fn at(&self, p: DVec3) -> f64 {
         p.dot(times(&self.a, p) + 2.0 * self.b) + self.c
     }
 }
@@ -84,45 +84,9 @@ impl<const K: usize> Default for Quadric<K> {
 }
 
 /// The normal of the plane through an edge, `p` to `q`, that is upright on its triangle.
-fn upright([p, q, opposite]: [DVec3; 3]) -> DVec3 {
+pub(super) fn upright([p, q, opposite]: [DVec3; 3]) -> DVec3 {
     let along = q - p;
     along.cross((opposite - p).cross(along)).normalize_or_zero()
-}
-
-/// Open edges that a vertex stands for. In a [`Quadric`] they count as well, but the more surface it stands for, the less:
-/// of an edge that was simplified together with what is beside it nothing would be known in the end.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Rim {
-    length: f64,
-    planes: Form,
-}
-
-impl Rim {
-    /// Half of an open edge, for each of its ends; with the third corner of its triangle.
-    pub(super) fn add_edge(&mut self, edge: [DVec3; 3]) {
-        let [p, q, _] = edge;
-        let weight = 0.5 * p.distance(q);
-        let normal = upright(edge);
-        self.length += weight;
-        self.planes.add_squared(normal, -normal.dot(p), weight);
-    }
-
-    pub(super) fn add(&mut self, other: &Rim) {
-        self.length += other.length;
-        self.planes.add(&other.planes);
-    }
-
-    /// Both together.
-    pub(super) fn sum(&self, other: &Rim) -> Rim {
-        let mut sum = *self;
-        sum.add(other);
-        sum
-    }
-
-    /// Mean square distance of the place from the edges' planes.
-    pub(super) fn error(&self, place: DVec3) -> f64 {
-        self.planes.at(place).max(0.0) / self.length.max(f64::MIN_POSITIVE)
-    }
 }
 
 /// Pulls a place that the planes leave free towards the middle of the edge; relative to area.
