@@ -24,7 +24,7 @@ use crate::seen::Seen;
 use crate::select::{Front, Selection, View, select};
 use crate::shadow_map::MapCount;
 use crate::skeleton::{ChildLink, Node};
-use crate::skirts::find_open_faces;
+use crate::skirts::{self, find_open_faces};
 use crate::survey::Survey;
 use crate::traced::Tracer;
 use crate::uniform::{scalar, skirt, uniform};
@@ -299,7 +299,8 @@ impl Renderer {
             let placed = model_of.iter().map(|&m: &usize| models[m].world_from_model());
             let reaches = model_of.iter().map(|&m| {
                 let step = models[m].header().lattice.step;
-                2.0 * (fronts.casters.get(m).map_or(0.0, |front| front.border_error) + step)
+                let error = fronts.casters.get(m).map_or(0.0, |front| front.border_error);
+                skirts::reach(error, step)
             });
             let parts: Vec<LitPart> = uniforms
                 .iter()

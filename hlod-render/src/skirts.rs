@@ -71,6 +71,12 @@ pub struct SkirtGroup {
 /// end in the same edges, but for one chance in 2⁶⁴.
 pub type Borders = [u64; 6];
 
+/// How far skirts reach, where borders are off by at most `border_error` and the lattice's steps are so long: both sides of
+/// a slit may be wrong, and rounded. Lengths in any one unit.
+pub(crate) fn reach(border_error: f64, step: f64) -> f64 {
+    2.0 * (border_error + step)
+}
+
 /// Which faces of what is drawn may have slits: all but those beyond which a node of the same depth is drawn that ends in
 /// the same edges. `borders_of` knows those of each node and representation that is resident.
 pub fn find_open_faces(

@@ -15,6 +15,7 @@ use crate::model::Model;
 use crate::passes::Targets;
 use crate::scene::{Shadow, Shot};
 use crate::select::{Front, View, select};
+use crate::skirts;
 
 /// What holds for all parts of one picture.
 #[derive(Debug, Clone, Default)]
@@ -50,7 +51,7 @@ impl Whole {
 
     /// How far skirts of what casts reach, where a step of the lattice is so long.
     pub(crate) fn skirt_reach(&self, step: f64) -> f64 {
-        2.0 * (self.border_error + step)
+        skirts::reach(self.border_error, step)
     }
 
     /// Gives a part's front the borders of the whole.
