@@ -32,7 +32,9 @@ impl Section {
     pub(super) fn markdown(&self) -> String {
         let mut out = format!("## {}\n\n{}\n\n", self.title, self.text.trim());
         let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
-        if !self.rows.is_empty() {
+        if self.rows.is_empty() {
+            out += "Nothing to measure in this run.\n\n";
+        } else {
             out += &line(&self.head);
             out += &format!("|{}\n", "---|".repeat(self.head.len()));
             self.rows.iter().for_each(|row| out += &line(row));
@@ -76,5 +78,7 @@ mod tests {
         section.plots.push(("p.svg".into(), "a plot".into()));
         let text = "## Title\n\nWhat.\n\n| a | b |\n|---|---|\n| 1 | 2 |\n\n![a plot](p.svg)\n\n";
         assert_eq!(section.markdown(), text);
+        let without = Section::new("Title", "What.", &["a"]).markdown();
+        assert_eq!(without, "## Title\n\nWhat.\n\nNothing to measure in this run.\n\n");
     }
 }

@@ -290,9 +290,12 @@ pub(super) fn lights(
             }
         }
     }
-    let [hard, soft] = ratios;
-    targets.push(Target::at_least("hard shadows ÷ none, median of rows", median(hard), Some(0.7)));
-    targets.push(Target::at_least("soft shadows ÷ none, median of rows", median(soft), Some(0.2)));
+    for (ratios, (kind, least)) in ratios.into_iter().zip([("hard", 0.7), ("soft", 0.2)]) {
+        if !ratios.is_empty() {
+            let name = format!("{kind} shadows ÷ none, median of rows");
+            targets.push(Target::at_least(&name, median(ratios), Some(least)));
+        }
+    }
     Ok(section)
 }
 
