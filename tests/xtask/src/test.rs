@@ -37,8 +37,8 @@ pub fn test(options: &TestOptions) -> Result<ExitCode, Failure> {
         check(&mut tally, "Lints", "clippy", &lints);
     }
     // Twice, because the renderer must work with its window and without. Cargo chooses the
-    // features of common dependencies for all packages at once, so that wgpu is compiled twice,
-    // in whichever order: some 375 compilations in all.
+    // features of common dependencies for all packages at once; the renderer's tests ask for the
+    // window's in both cases, so that wgpu and most others are compiled once.
     let filters = &options.filters;
     tests(&mut tally, "Tests, without the viewer's window", &["--workspace"], filters)?;
     let viewer = ["--package", "hlod-render", "--features", "viewer"];
