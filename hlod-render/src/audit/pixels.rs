@@ -393,6 +393,22 @@ impl Reduced {
         out
     }
 
+    /// With one sample more, in the middle of each pixel, where the drawing has its own: what is thinner than samples are
+    /// apart may lie on that one alone.
+    pub(super) fn with_middles(mut self, middles: &Layer) -> Reduced {
+        assert_eq!((self.width, self.height), (middles.width, middles.height));
+        for p in 0..self.width * self.height {
+            self.all_covered[p] &= middles.covered[p];
+            self.any_covered[p] |= middles.covered[p];
+            self.any_back[p] |= middles.back[p];
+            self.nearest[p] = self.nearest[p].min(middles.depth[p]);
+            if middles.covered[p] {
+                self.farthest[p] = self.farthest[p].max(middles.depth[p]);
+            }
+        }
+        self
+    }
+
     /// Whether all of a square is in the picture: what lies beyond may jump in depth, and is not known.
     fn holds(&self, x: usize, y: usize, radius: usize) -> bool {
         let inside = |c: usize, end: usize| c >= radius && c + radius < end;

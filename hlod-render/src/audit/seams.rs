@@ -30,8 +30,8 @@ const MARGIN_MAX_PX: f64 = 64.0;
 /// Where two nodes are drawn within so many pixels of a hole, it may be their seam.
 const SEAM_PX: usize = 2;
 
-/// So many holes at seams are listed, and as many of others.
-const HOLES_LISTED_MAX: usize = 200;
+/// So many holes at seams are listed, as many of others, and of pixels outside.
+const LISTED_MAX: usize = 200;
 
 /// What is compared.
 #[derive(Debug, Clone)]
@@ -73,6 +73,25 @@ pub struct SeamReport {
     pub fronts: Vec<SeamRow>,
     /// The first holes at seams, then the first others.
     pub holes: Vec<HolePlace>,
+    /// The first pixels that are drawn where they must not be.
+    pub outside: Vec<OutsidePlace>,
+}
+
+/// One pixel outside of what may be covered, and from where it is seen.
+#[derive(Debug, Clone, Serialize)]
+pub struct OutsidePlace {
+    /// Number of the view.
+    pub view: u32,
+    /// Its camera as `--camera` takes it.
+    pub camera: String,
+    /// τ.
+    pub tau_px: f64,
+    /// As [`SeamRow::front`].
+    pub front: &'static str,
+    /// Pixel from the left and from the top.
+    pub pixel: [usize; 2],
+    /// `overdraw`, or `pushed-out` where only a skirt is.
+    pub kind: &'static str,
 }
 
 /// One hole pixel, and from where it is seen.
@@ -154,6 +173,7 @@ pub fn audit_seams(
     let mut worst = 0;
     // At seams, and others.
     let mut holes: [Vec<HolePlace>; 2] = Default::default();
+    let mut outside = Vec::new();
     for (i, camera) in cameras.iter().enumerate() {
         let shot = Shot {
             camera: *camera,
@@ -163,9 +183,12 @@ pub fn audit_seams(
             ..*shot_template
         };
         let (width, height) = options.size;
-        let mut source = Source::Reference(&mut reference);
-        let truth = draw_layer(gpu, &mut renderer, &mut source, &shot, options.size, SAMPLES)?;
-        let reduced = Reduced::new(&truth.layer);
+        let mut draw_scan = |samples: u32| {
+            let mut source = Source::Reference(&mut reference);
+            draw_layer(gpu, &mut renderer, &mut source, &shot, options.size, samples)
+        };
+        let truth = draw_scan(SAMPLES)?;
+        let reduced = Reduced::new(&truth.layer).with_middles(&draw_scan(1)?.layer);
         let [eye, target] = [camera.eye, camera.target].map(|p| framing.relative(p));
         let place = [eye, target].map(|[x, y, z]| format!("{x:.6},{y:.6},{z:.6}")).join(":");
         let half_extent = camera.half_extent(f64::from(width) / f64::from(height));
@@ -218,8 +241,23 @@ pub fn audit_seams(
             for hole in holes_of_view {
                 row.holes_at_seams += u64::from(hole.at_seam);
                 let listed = &mut holes[usize::from(!hole.at_seam)];
-                if listed.len() < HOLES_LISTED_MAX {
+                if listed.len() < LISTED_MAX {
                     listed.push(hole);
+                }
+            }
+            let pixels = [("overdraw", &seams.overdraw), ("pushed-out", &pushed_out)];
+            for (kind, &p) in
+                pixels.iter().flat_map(|(kind, all)| all.iter().map(move |p| (*kind, p)))
+            {
+                if outside.len() < LISTED_MAX {
+                    outside.push(OutsidePlace {
+                        view: i as u32,
+                        camera: place.clone(),
+                        tau_px: row.tau_px,
+                        front: row.front,
+                        pixel: [p % width as usize, p / width as usize],
+                        kind,
+                    });
                 }
             }
             let bad = row.add(&seams, pushed_out.len(), drawn.stats.nodes, drawn.stats.depths);
@@ -254,6 +292,7 @@ pub fn audit_seams(
         pushed_out_pixels: sum(|row| row.pushed_out_pixels),
         fronts,
         holes: holes.concat(),
+        outside,
     })
 }
 

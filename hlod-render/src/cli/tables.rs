@@ -257,7 +257,12 @@ pub fn seams(r: &SeamReport) -> String {
             hole.view, hole.tau_px, hole.front, hole.shows
         );
     }
-    if r.holes.len() > LISTED {
+    for place in r.outside.iter().take(LISTED) {
+        let [x, y] = place.pixel;
+        let (view, tau_px, front, kind) = (place.view, place.tau_px, place.front, place.kind);
+        let _ = write!(list, "\n{kind}: view {view}, {tau_px} px, {front}: pixel {x},{y}");
+    }
+    if r.holes.len().max(r.outside.len()) > LISTED {
         list += "\n(more of them with --json)";
     }
     format!(

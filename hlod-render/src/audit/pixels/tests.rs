@@ -187,6 +187,27 @@ fn planted_slits_and_strips_are_found() {
     assert!(deep > 8 && deep < found.len(), "{deep}: a slit is one in any case");
 }
 
+/// A speck that is smaller than samples are apart, where the drawing has its sample.
+#[test]
+fn what_only_the_middle_of_a_pixel_shows_is_no_overdraw() {
+    let speck = 5 * W + 7;
+    let mut drawn = good();
+    (drawn.covered[speck], drawn.depth[speck], drawn.shade[speck]) = (true, 5.0, 0.5);
+    let overdraw = |middles: &Layer| {
+        let reference = Reduced::new(&truth()).with_middles(middles);
+        find_seams(&drawn, &drawn, &reference, &SCALE).overdraw
+    };
+    assert_eq!(overdraw(&good()), [speck]);
+    assert!(overdraw(&drawn).is_empty());
+    // A back that only this sample shows is the scan's own, and so is a hole.
+    let mut other = good();
+    (other.back[centre()], other.depth[centre()]) = (true, 9.0);
+    other.covered[centre() + 1] = false;
+    let reference = Reduced::new(&truth()).with_middles(&other);
+    assert!(reference.any_back[centre()] && reference.farthest[centre()] == 9.0);
+    assert!(!reference.all_covered[centre() + 1] && reference.any_covered[centre() + 1]);
+}
+
 #[test]
 fn percentiles_of_known_distances() {
     let mut d = Distances::default();
