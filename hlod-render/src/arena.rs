@@ -86,11 +86,11 @@ impl ArenaSize {
         }
     }
 
-    /// Bytes that a page takes, about: skirts add to it.
+    /// Bytes that a page takes, about: skirts add to it, and their corners.
     pub(crate) fn bytes_of(vertices: u64, triangles: u64, points: u64) -> u64 {
         let skirts = triangles / 8;
         let primitives = triangles + skirts + points;
-        (vertices + points) * VERTEX_BYTES + primitives * (TRIANGLE_BYTES + EDGE_BYTES)
+        (vertices + skirts / 2 + points) * VERTEX_BYTES + primitives * (TRIANGLE_BYTES + EDGE_BYTES)
     }
 
     /// Half as large; none where usual pages would not fit any more.
@@ -113,6 +113,8 @@ impl ArenaSize {
 pub(crate) struct Slot {
     pub(crate) arena: usize,
     pub(crate) vertices: Range<u32>,
+    /// Of these, the first lower corner of skirts.
+    pub(crate) first_corner: u32,
     /// Triangles, then skirts, then points, which are counted like them.
     pub(crate) primitives: Range<u32>,
     /// What skirts there are, in their order.
@@ -238,6 +240,7 @@ impl Arena {
         };
         Some(Slot {
             arena,
+            first_corner: vertices.start + mesh.corners.start as u32,
             vertices,
             primitives,
             skirts: mesh.skirts.clone(),
@@ -245,6 +248,12 @@ impl Arena {
             first_point,
             prefixes: mesh.prefixes.clone(),
         })
+    }
+
+    /// Writes the vertices of a slot's skirts anew.
+    pub(crate) fn write_corners(&self, gpu: &Gpu, slot: &Slot, corners: &[u8]) {
+        let offset = u64::from(slot.first_corner) * VERTEX_BYTES;
+        gpu.queue.write_buffer(&self.vertices, offset, corners);
     }
 
     pub(crate) fn remove(&mut self, slot: Slot) {
@@ -263,6 +272,7 @@ mod tests {
         let slot = Slot {
             arena: 0,
             vertices: 0..50,
+            first_corner: 40,
             primitives: 100..200,
             skirts: vec![group(1, 10), group(3, 2), group(2, 20), group(32, 4)],
             borders: [0; 6],

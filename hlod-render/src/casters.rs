@@ -38,6 +38,7 @@ use hlod_compress::{CellKey, RepresentationKind};
 
 use crate::camera::{Camera, Projection};
 use crate::need::{Parts, Reach};
+use crate::ring::Ring;
 use crate::scene::{Light, Representation, Shot};
 use crate::select::{Front, Measure, corners, find_front};
 use crate::skeleton::{Node, Skeleton};
@@ -141,6 +142,8 @@ pub struct CasterView {
     /// Nothing else is relevant than what may cast on these, too, or lies within this length (world units) of what may:
     /// those of a part of the picture.
     near: Option<(Vec<Cluster>, f64)>,
+    /// And what is beside that.
+    ring: Ring,
 }
 
 /// Visible nodes below one cell: what hides nothing of their box from the light hides none of them.
@@ -226,13 +229,19 @@ impl CasterView {
             clusters: clusters.into_values().collect(),
             pixels_most,
             near: None,
+            ring: Ring::default(),
         }
     }
 
-    /// The same, but leaves out what cannot cast on what the other view is of, nor lies within `reach` (model units) of
-    /// what can: a node beyond decides whether one before has skirts towards it.
+    /// The same, but leaves out what cannot cast on what the other view is of, even by strips that reach so far (model
+    /// units) out of their nodes.
     pub(crate) fn near(self, part: CasterView, reach: f64) -> CasterView {
         CasterView { near: Some((part.clusters, reach * self.scale)), ..self }
+    }
+
+    /// The same, but has also what is in the ring.
+    pub(crate) fn with_ring(self, ring: Ring) -> CasterView {
+        CasterView { ring, ..self }
     }
 
     /// A node's box in world space; models are not turned, so that it is no larger than needed.
@@ -461,7 +470,8 @@ impl Measure for CasterView {
             self.holding(clusters, wider).next().is_some()
         };
         let is_near = |(clusters, reach): &(Vec<Cluster>, f64)| may_hold(clusters, *reach);
-        may_hold(&self.clusters, 0.0) && self.near.as_ref().is_none_or(is_near)
+        may_hold(&self.clusters, 0.0)
+            && (self.near.as_ref().is_none_or(is_near) || self.ring.has(node.cell))
     }
 
     /// Pixels by which a shadow's edge moves at most.

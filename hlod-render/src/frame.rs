@@ -19,15 +19,17 @@ use crate::passes::{
     Drawn, DrawnPart, DrawnShadow, FaceUniforms, FrameUniform, PassSets, Range, Targets,
 };
 use crate::prefetch::Prefetch;
+use crate::ring::Ring;
 use crate::scene::{Light, Representation, Shadow, Shot};
+use crate::seams::{self, REACH_MAX};
 use crate::seen::Seen;
 use crate::select::{Front, Selection, View, select};
 use crate::shadow_map::MapCount;
-use crate::skeleton::{ChildLink, Node};
-use crate::skirts::{self, find_open_faces};
+use crate::skeleton::{ChildLink, Node, Skeleton};
+use crate::skirts::find_open_faces;
 use crate::survey::Survey;
 use crate::traced::Tracer;
-use crate::uniform::{scalar, skirt, uniform};
+use crate::uniform::{scalar, uniform};
 
 /// What a frame drew, for statistics and benchmark records.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -216,15 +218,14 @@ impl Renderer {
                 let view = View::of_shot(shot, world_from_model, targets.window().picture());
                 uniform.points.w = step as f32;
                 uniform.scalar = scalar(shot.paint, model.header());
-                uniform.skirt = skirt(front, &world_from_model, step, shot, targets);
                 // Open scans have no inside.
                 uniform.bias.w = f32::from(u8::from(model.is_closed() && !shot.clip.is_none()));
                 uniforms.push((uniform, buffers));
                 model_of.push(m);
                 let index = uniforms.len() - 1;
                 let bounds = bounds_shown(model.header());
-                let margin_px =
-                    (2.0 * front.border_px).max(fronts.beyond_px.get(m).copied().unwrap_or(0.0));
+                let margin_px = (REACH_MAX * front.border_px)
+                    .max(fronts.beyond_px.get(m).copied().unwrap_or(0.0));
                 for draw in &front.draws {
                     let Some(slot) = model.slot(draw.node, draw.representation) else { continue };
                     if slot.arena == arena {
@@ -234,7 +235,8 @@ impl Renderer {
                             && !shot.draw_backs
                             && !shot.backs_magenta
                             && shot.clip.is_none();
-                        for triangles in slot.triangles_and_skirts(draw.open_faces) {
+                        let open = if shot.draw_skirts { draw.open_faces } else { 0 };
+                        for triangles in slot.triangles_and_skirts(open) {
                             ranges.push(Range {
                                 uniform: index,
                                 triangles,
@@ -297,18 +299,12 @@ impl Renderer {
         let lit = (shot.shadow != Shadow::None).then(|| lit(models, &fronts.boxes, shot));
         let faces = lit.iter().flat_map(|lit| {
             let placed = model_of.iter().map(|&m: &usize| models[m].world_from_model());
-            let reaches = model_of.iter().map(|&m| {
-                let step = models[m].header().lattice.step;
-                let error = fronts.casters.get(m).map_or(0.0, |front| front.border_error);
-                skirts::reach(error, step)
-            });
             let parts: Vec<LitPart> = uniforms
                 .iter()
-                .zip(placed.zip(reaches))
-                .map(|((uniform, _), (world_from_model, skirt_reach))| LitPart {
+                .zip(placed)
+                .map(|((uniform, _), world_from_model)| LitPart {
                     uniform: *uniform,
                     world_from_model,
-                    skirt_reach,
                 })
                 .collect();
             lit.face_uniforms(&parts)
@@ -432,7 +428,12 @@ enum Arrivals<'a> {
     InOrder(Option<&'a Survey>),
 }
 
-/// Receive → select → request, for every model.
+/// What lies beside what a front draws.
+fn ring_round(front: &Front, skeleton: &Skeleton) -> Ring {
+    Ring::round(front.draws.iter().map(|draw| skeleton.nodes()[draw.node as usize].cell))
+}
+
+/// Receive → select → close seams → request, for every model.
 fn update(
     gpu: &Gpu,
     models: &mut [Model],
@@ -448,6 +449,8 @@ fn update(
     let (width, height) = targets.window().picture();
     let selection = selection(shot);
     let mut fronts = Fronts::default();
+    // Of parts, what they show themselves.
+    let mut shown = Vec::new();
     for (m, model) in models.iter_mut().enumerate() {
         let mut view = View::of_shot(shot, model.world_from_model(), (width, height));
         match arrivals {
@@ -460,41 +463,44 @@ fn update(
         }
         if let Some(survey) = survey {
             view = survey.narrowed(view, targets, m);
+            let of_part = select(model.skeleton(), &view, selection, &|_, _| true);
+            view = view.with_ring(ring_round(&of_part, model.skeleton()));
+            shown.push(of_part);
             // What is here and cannot be drawn before the rest is must not make room for it.
             let kept = select(model.skeleton(), &view, selection, &|_, _| true);
             fronts.kept.push(Front { wanted: Vec::new(), ..kept });
         }
         let is_resident = |n, r| model.is_resident(n, r);
         let mut front = select(model.skeleton(), &view, selection, &is_resident);
-        if let Some(survey) = survey {
-            survey.receivers[m].widen(&mut front);
-        }
-        // Of a part of a picture, what lies beyond is farther from it than skirts reach.
         let borders = |n, r| model.slot(n, r).map(|slot| slot.borders);
         find_open_faces(&mut front.draws, model.skeleton(), &borders);
+        model.close_seams(gpu, &front, seams::Drawn::Receivers);
         fronts.receivers.push(front);
     }
     if shot.shadow != Shadow::None {
-        fronts.boxes = visible_boxes(models, &fronts.receivers);
+        let shown = if survey.is_some() { &shown } else { &fronts.receivers };
+        fronts.boxes = visible_boxes(models, shown);
     }
     if shot.shadow.is_cast() {
         let whole = survey.map_or(&fronts.boxes, |survey| &survey.boxes);
-        for (m, model) in models.iter().enumerate() {
+        for (m, model) in models.iter_mut().enumerate() {
             let mut view = caster_view(model, shot, (width, height), whole);
             if let Some(survey) = survey {
                 let part = caster_view(model, shot, (width, height), &fronts.boxes);
                 let reach = survey.casters[m].skirt_reach(model.header().lattice.step);
                 view = view.near(part, reach);
+                let casting = select_casters(model.skeleton(), &view, &|_, _| true);
+                view = view.with_ring(ring_round(&casting, model.skeleton()));
             }
             let is_resident = |n, r| model.is_resident(n, r);
             let mut front = select_casters(model.skeleton(), &view, &is_resident);
-            if let Some(survey) = survey {
-                survey.casters[m].widen(&mut front);
+            if survey.is_some() {
                 let kept = select_casters(model.skeleton(), &view, &|_, _| true);
                 fronts.kept_casters.push(Front { wanted: Vec::new(), ..kept });
             }
             let borders = |n, r| model.slot(n, r).map(|slot| slot.borders);
             find_open_faces(&mut front.draws, model.skeleton(), &borders);
+            model.close_seams(gpu, &front, seams::Drawn::Casters);
             fronts.casters.push(front);
         }
     }

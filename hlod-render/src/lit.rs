@@ -26,8 +26,6 @@ pub(crate) struct Lit {
 pub(crate) struct LitPart {
     pub(crate) uniform: FrameUniform,
     pub(crate) world_from_model: DMat4,
-    /// How far skirts of what casts reach, model space.
-    pub(crate) skirt_reach: f64,
 }
 
 /// Of positions in f32, relative to how far they are from where they are counted.
@@ -88,8 +86,9 @@ impl Lit {
             }
         };
         let caster = |face: &Face, part: &LitPart| {
-            let skirt = Vec4::new(0.0, part.skirt_reach as f32, 0.0, 0.0);
-            FrameUniform { skirt, ..receiver(face, part) }
+            let mut uniform = receiver(face, part);
+            uniform.bias.z = 1.0;
+            uniform
         };
         let of_face = |face: &Face| FaceUniforms {
             receivers: parts.iter().map(|part| receiver(face, part)).collect(),

@@ -5,18 +5,19 @@
 //! browser) need only these calls and [`decode`].
 
 use std::collections::{HashSet, VecDeque};
+use std::ops::Range;
 use std::sync::mpsc;
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 use bytemuck::{Pod, Zeroable};
 use hlod_compress::{
-    BlockRef, CellKey, FormatError, Header, Lattice, PageContent, PageRef, PointRadius, Points,
-    RepresentationKind, Scalars, SkeletonBlock, decode_page,
+    BlockRef, CellKey, FormatError, Header, Lattice, OctNormal, PageContent, PageRef, PointRadius,
+    Points, RepresentationKind, Scalars, SkeletonBlock, decode_page,
 };
 
 use crate::edges::across;
-use crate::skirts::{Borders, SkirtGroup, Skirts, skirts};
+use crate::skirts::{Borders, FaceLines, SkirtGroup, Skirts, skirts};
 use crate::source::{Extent, Source};
 
 /// What a request is for, as its submitter knows it.
@@ -87,15 +88,30 @@ pub trait Loader {
 pub struct GpuVertex {
     /// Model space: source coordinates relative to the root cube's centre.
     pub position: [f32; 3],
-    /// Octahedral, two i16.
+    /// Octahedral, above [`CODE_BITS`] bits that are a skirt's: how far its lower corner is moved, where it is drawn as
+    /// a receiver and as a caster.
     pub normal: [i16; 2],
+}
+
+/// Lowest bits of a normal's numbers that are not of the normal.
+pub const CODE_BITS: u32 = 6;
+
+impl GpuVertex {
+    /// Of no skirt.
+    pub fn new(position: [f32; 3], normal: OctNormal) -> GpuVertex {
+        GpuVertex { position, normal: normal.0.map(|n| n << CODE_BITS) }
+    }
 }
 
 /// A page's geometry as shaders see it.
 #[derive(Debug, Clone, Default)]
 pub struct GpuMesh {
-    /// Vertices.
+    /// Vertices: those of triangles, copies of some that are lower corners of skirts, and points.
     pub vertices: Vec<GpuVertex>,
+    /// Which of them are these copies.
+    pub corners: Range<usize>,
+    /// The lines that skirts hang from, face by face.
+    pub lines: Arc<[FaceLines; 6]>,
     /// sRGB and alpha, or empty.
     pub colours: Vec<[u8; 4]>,
     /// Kept numbers, or empty.
@@ -145,38 +161,44 @@ pub fn decode(part: &Part, bytes: &[u8], header: &Header) -> Result<Loaded, Form
             page.check(bytes)?;
             let PageContent { mesh, points } = decode_page(bytes)?;
             let half = f64::from(lattice.root_units) / 2.0;
-            let vertex = |(position, normal): (&[i32; 3], &hlod_compress::OctNormal)| GpuVertex {
-                position: position.map(|c| ((f64::from(c) - half) * lattice.step) as f32),
-                normal: normal.0,
+            let vertex = |(position, normal): (&[i32; 3], &OctNormal)| {
+                let place = position.map(|c| ((f64::from(c) - half) * lattice.step) as f32);
+                GpuVertex::new(place, *normal)
             };
-            let mut vertices: Vec<GpuVertex> =
-                mesh.positions.iter().zip(&mesh.normals).map(vertex).collect();
-            vertices.extend(points.positions.iter().zip(&points.normals).map(vertex));
             let mut indices = mesh.triangles.as_flattened().to_vec();
             let budget =
                 f64::from(lattice.cell_units(cell.depth())) / f64::from(header.resolution.max(1));
             // Where there are points parts of a component are small that is large.
             let small = if points.is_empty() { budget } else { 0.0 };
             let skirts = skirts(&mesh, *cell, lattice, small);
-            let Skirts { indices: of_skirts, groups, borders } = skirts;
+            let Skirts { indices: of_skirts, groups, borders, corners, lines } = skirts;
             indices.extend(of_skirts);
+            let mut vertices: Vec<GpuVertex> =
+                mesh.positions.iter().zip(&mesh.normals).map(vertex).collect();
+            vertices.extend(copies(&vertices, &corners));
+            let corners_at = mesh.positions.len()..vertices.len();
+            vertices.extend(points.positions.iter().zip(&points.normals).map(vertex));
             // Casters are of the geometric hierarchy, and leaves of every one.
             let across = match kind {
                 RepresentationKind::Appearance => Vec::new(),
                 _ => across(&mesh),
             };
             let mut colours = mesh.colours;
+            colours.extend(copies(&colours, &corners));
             colours.extend(&points.colours);
             let mut scalars = mesh.scalars;
             if header.scalars().next().is_some() {
                 // Pages without any value say nothing of them; their place may have been another's.
                 scalars.resize(mesh.positions.len(), Scalars::default());
+                scalars.extend(copies(&scalars, &corners));
                 scalars.extend(&points.scalars);
                 scalars.resize(vertices.len(), Scalars::default());
             }
             let (radii, prefixes) = radii(&points, lattice.step);
             Ok(Loaded::Mesh(Box::new(GpuMesh {
                 vertices,
+                corners: corners_at,
+                lines: Arc::new(lines),
                 colours,
                 scalars,
                 indices,
@@ -188,6 +210,11 @@ pub fn decode(part: &Part, bytes: &[u8], header: &Header) -> Result<Loaded, Form
             })))
         }
     }
+}
+
+/// What the corners of skirts have of the vertices that they are copies of.
+fn copies<T: Copy>(of_vertices: &[T], corners: &[u32]) -> Vec<T> {
+    corners.iter().filter_map(|&v| of_vertices.get(v as usize).copied()).collect()
 }
 
 /// What shaders know of points' radii.

@@ -15,6 +15,7 @@ use crate::loader::{Completion, GpuMesh, Loaded, Loader, SourceLoader, model_ori
 use crate::model_file::ModelFile;
 use crate::need::Plan;
 use crate::residency::{DueTimes, Refused, due_times, requests, victim};
+use crate::seams::{self, Beside, Drawn, Key, Seams};
 use crate::select::{Front, Wanted, page_ticket, parse_ticket};
 use crate::skeleton::{ChildLink, Skeleton};
 use crate::source::Source;
@@ -112,6 +113,7 @@ pub struct Model {
 
 struct Resident {
     slot: Slot,
+    seams: Seams,
     last_used: u64,
     was_drawn: bool,
 }
@@ -463,6 +465,33 @@ impl Model {
         self.loader.submit(requests(&mut wanted, &self.plan, &self.skeleton, &has, &allows));
     }
 
+    /// Makes strips as long as the seams between these nodes ask for.
+    pub(crate) fn close_seams(&mut self, gpu: &Gpu, front: &Front, drawn: Drawn) {
+        let all_beside = seams::beside(&front.draws, &self.skeleton);
+        let keys = front.draws.iter().map(|draw| (draw.node, draw.representation));
+        let mut changed: Vec<(Key, &[Beside])> =
+            keys.zip(all_beside.iter().map(Vec::as_slice)).collect();
+        let slots = &self.slots;
+        let seams_of = |key: Key| slots.get(&key).map(|resident| &resident.seams);
+        changed.retain(|(key, beside)| seams_of(*key).is_some_and(|s| !s.closes(beside, drawn)));
+        if changed.is_empty() {
+            return;
+        }
+        let pairs = changed.iter().copied();
+        let lattice = &self.header.lattice;
+        for (key, slit) in seams::measure(pairs, &self.skeleton, lattice, &seams_of) {
+            if let Some(resident) = self.slots.get_mut(&key) {
+                resident.seams.learn(slit);
+            }
+        }
+        for (key, beside) in changed {
+            let Some(Resident { slot, seams, .. }) = self.slots.get_mut(&key) else { continue };
+            if let Some(corners) = seams.close(beside, drawn) {
+                self.arenas[slot.arena].write_corners(gpu, slot, corners);
+            }
+        }
+    }
+
     /// Whether there is memory for another buffer.
     pub(crate) fn may_grow(&self) -> bool {
         (self.arenas.len() as u64 + 1) * self.arena_size.bytes() <= self.limits.gpu_bytes
@@ -481,7 +510,12 @@ impl Model {
         loop {
             for (i, arena) in self.arenas.iter_mut().enumerate() {
                 if let Some(slot) = arena.insert(gpu, mesh, i) {
-                    let resident = Resident { slot, last_used: self.frame, was_drawn: false };
+                    let corners = &mesh.vertices[mesh.corners.clone()];
+                    let r = &self.skeleton.nodes()[key.0 as usize].representations[key.1];
+                    let border = r.border_error / self.header.lattice.step;
+                    let seams = Seams::new(mesh.lines.clone(), corners, border);
+                    let resident =
+                        Resident { slot, seams, last_used: self.frame, was_drawn: false };
                     self.slots.insert(key, resident);
                     self.refused.forget(key);
                     return Ok(true);

@@ -4,12 +4,15 @@
 //! child that is wanted is not resident, the nearest resident ancestor is drawn in its place and
 //! in that of everything below that ancestor, so that every visible surface point is drawn once.
 
+use std::sync::Arc;
+
 use glam::{DMat4, DVec2, DVec3, DVec4};
 use hlod_compress::RepresentationKind;
 
 use crate::camera::{Camera, Projection};
 use crate::clip::ClipPlanes;
 use crate::loader::{Part, Ticket};
+use crate::ring::Ring;
 use crate::scene::{Mixing, Shot};
 use crate::skeleton::{ChildLink, Node, NodeRepresentation, Skeleton};
 use crate::skirts::{ALL_FACES, Faces};
@@ -47,6 +50,8 @@ pub struct View {
     /// The part of clip space that is drawn, over w.
     low: DVec2,
     high: DVec2,
+    /// What else is drawn, of what is in the picture.
+    ring: Option<Arc<Ring>>,
     /// Model space: what is not drawn.
     clip: ClipPlanes,
     mixing: Mixing,
@@ -77,6 +82,7 @@ impl View {
             scale: world_from_model.x_axis.truncate().length(),
             low: DVec2::NEG_ONE,
             high: DVec2::ONE,
+            ring: None,
             clip: ClipPlanes::default(),
             mixing: Mixing::None,
         }
@@ -94,19 +100,37 @@ impl View {
         View { low: low.max(DVec2::NEG_ONE), high: high.min(DVec2::ONE), ..self }
     }
 
+    /// The same, but shows also what of the picture is in the ring.
+    pub(crate) fn with_ring(self, ring: Ring) -> View {
+        View { ring: Some(Arc::new(ring)), ..self }
+    }
+
+    /// Whether a node may be seen, or decides how what is seen is drawn.
+    fn shows(&self, node: &Node) -> bool {
+        self.sees_box(node.min, node.max)
+            || self.ring.as_ref().is_some_and(|ring| {
+                ring.has(node.cell)
+                    && self.sees_box_within(node.min, node.max, [DVec2::NEG_ONE, DVec2::ONE])
+            })
+    }
+
     /// Whether a box may be seen at all: not all of it is behind one plane of the frustum, nor is
     /// it cut away.
     pub fn sees_box(&self, min: DVec3, max: DVec3) -> bool {
+        self.sees_box_within(min, max, [self.low, self.high])
+    }
+
+    fn sees_box_within(&self, min: DVec3, max: DVec3, [low, high]: [DVec2; 2]) -> bool {
         if self.clip.removes_all(&corners(min, max)) {
             return false;
         }
         let clip = corners(min, max).map(|c| self.clip_from_model * c.extend(1.0));
         let outside = |f: &dyn Fn(DVec4) -> f64| clip.iter().all(|&c| f(c) < 0.0);
         // Depth is reversed: nearer than the near plane is z > w.
-        !(outside(&|c| c.x - self.low.x * c.w)
-            || outside(&|c| self.high.x * c.w - c.x)
-            || outside(&|c| c.y - self.low.y * c.w)
-            || outside(&|c| self.high.y * c.w - c.y)
+        !(outside(&|c| c.x - low.x * c.w)
+            || outside(&|c| high.x * c.w - c.x)
+            || outside(&|c| c.y - low.y * c.w)
+            || outside(&|c| high.y * c.w - c.y)
             || outside(&|c| c.w - c.z))
     }
 
@@ -267,7 +291,7 @@ impl Measure for Receivers<'_> {
     }
 
     fn is_relevant(&self, node: &Node) -> bool {
-        self.view.sees_box(node.min, node.max) && !self.view.sees_only_backs(node)
+        self.view.shows(node) && !self.view.sees_only_backs(node)
     }
 
     fn error_px(&self, error: f64, node: &Node) -> f64 {

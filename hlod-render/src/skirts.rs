@@ -1,13 +1,9 @@
 //! Skirts: what keeps the seams between drawn nodes closed, whatever their depths.
 //!
-//! The surface in a cell ends on the cell's faces, in lines that are simplified *in* these faces. How
-//! far a node's lines are there from the scan's own sections is measured when they are simplified,
-//! level upon level, and stored as the node's border error (`deviation` in
-//! `hlod-build/src/simplify/chains.rs`): a bound of the two-sided Hausdorff distance within the
-//! face. So between two nodes that are drawn side by side, of whatever depths, there is at most a
-//! slit in their common face that is as wide as both their border errors together. Every border line
-//! carries a strip in the face, into the body, that reaches as far as twice the largest border error
-//! of the nodes that are drawn, in pixels or in the model's unit, whichever is less there: it covers the slit.
+//! The surface in a cell ends on the cell's faces, in lines that are simplified *in* these faces. So between two nodes
+//! that are drawn side by side, of whatever depths, there is at most a slit in their common face, between the lines in
+//! which either ends. Every border line carries a strip in the face, into the body, that reaches past the other node's
+//! line: how far is measured between the two nodes that are drawn ([`crate::seams`]).
 //!
 //! Where one border lies above the other its strip reaches past the other, so that no line of sight
 //! gets through; and a strip that goes only inwards moves no outline of a body that is thicker.
@@ -20,12 +16,10 @@
 //! strip would be larger than they are.
 //!
 //! Nodes of equal depth mostly end in the same lines, edge for edge: then there is no slit, and neither
-//! carries its strip in that face ([`find_open_faces`]). Of two
-//! leaves of different depth the finer is cut where the coarser is not, and rounded there: by less
-//! than the two steps of the lattice that are added everywhere.
+//! carries its strip in that face ([`find_open_faces`]).
 //!
-//! A strip needs no vertices of its own: it names those of the border twice, the second time marked
-//! to be moved inwards by the vertex shader, which alone knows how far (`shared.wgsl`).
+//! A strip's lower corners are copies of the border's vertices that say how far they are to be moved, and are named in
+//! indices that say in which face; the vertex shader moves them inwards (`shared.wgsl`).
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -56,6 +50,45 @@ pub struct Skirts {
     pub groups: Vec<SkirtGroup>,
     /// What the geometry ends in on each face.
     pub borders: Borders,
+    /// Of which vertex each lower corner is a copy. Indices name it by its number here after the vertices.
+    pub corners: Vec<u32>,
+    /// The lines that strips hang from, face by face.
+    pub lines: [FaceLines; 6],
+}
+
+/// The lines that strips hang from in one face of a cell, and in its other faces that they also run in.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct FaceLines {
+    /// Places on the lattice, across the face's axis, in ascending order.
+    pub points: Vec<[i32; 2]>,
+    /// Their numbers, by their second coordinate.
+    pub across: Vec<u32>,
+    /// Between two of them each.
+    pub edges: Vec<LineEdge>,
+}
+
+impl FaceLines {
+    /// Of points in ascending order.
+    pub fn new(points: Vec<[i32; 2]>, edges: Vec<LineEdge>) -> FaceLines {
+        let mut across: Vec<u32> = (0..points.len() as u32).collect();
+        across.sort_unstable_by_key(|&k| points[k as usize][1]);
+        FaceLines { points, across, edges }
+    }
+}
+
+/// A part of a line that a strip hangs from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LineEdge {
+    /// Numbers of its ends among the face's points.
+    pub points: [u32; 2],
+    /// Numbers of the strip's lower corners below them.
+    pub corners: [u32; 2],
+}
+
+/// A place of the lattice as seen across a face.
+pub(crate) fn within_face(p: [i32; 3], face: usize) -> [i32; 2] {
+    let axis = face % 3;
+    [p[(axis + 1) % 3], p[(axis + 2) % 3]]
 }
 
 /// Triangles of strips that are needed where all of these faces are open.
@@ -70,12 +103,6 @@ pub struct SkirtGroup {
 /// For each face a sum over the border edges on it, by their ends' places on the lattice: two cells whose sums are equal
 /// end in the same edges, but for one chance in 2⁶⁴.
 pub type Borders = [u64; 6];
-
-/// How far skirts reach, where borders are off by at most `border_error` and the lattice's steps are so long: both sides of
-/// a slit may be wrong, and rounded. Lengths in any one unit.
-pub(crate) fn reach(border_error: f64, step: f64) -> f64 {
-    2.0 * (border_error + step)
-}
 
 /// Which faces of what is drawn may have slits: all but those beyond which a node of the same depth is drawn that ends in
 /// the same edges. `borders_of` knows those of each node and representation that is resident.
@@ -178,23 +205,26 @@ pub(crate) fn skirts(mesh: &Mesh, cell: CellKey, lattice: &Lattice, budget: f64)
         edges.retain(|edge| !is_small[edge.vertices[0] as usize]);
     }
     edges.sort_unstable_by_key(|edge| edge.vertices);
+    let on_both = |edge: &Edge| faces[edge.vertices[0] as usize] & faces[edge.vertices[1] as usize];
     let moved = |v: u32, axis: u32| v | MOVED | axis << AXIS_SHIFT;
     let mut groups: BTreeMap<Faces, Vec<u32>> = BTreeMap::new();
     // The moved corners at each position: several where vertices there differ in their normals, or
     // where faces meet.
-    let mut corners: BTreeMap<[i32; 3], Vec<(u32, Faces)>> = BTreeMap::new();
-    for edge in edges {
+    let mut at: BTreeMap<[i32; 3], Vec<(u32, Faces)>> = BTreeMap::new();
+    for edge in &edges {
         let ([a, b], axis, face) = (edge.vertices, edge.axis(), 1 << edge.face);
         // Their fronts face out of the cell.
         let strip = [a, moved(a, axis), b, b, moved(a, axis), moved(b, axis)];
         groups.entry(face).or_default().extend(strip);
         for v in [a, b] {
-            corners.entry(mesh.positions[v as usize]).or_default().push((moved(v, axis), face));
+            at.entry(mesh.positions[v as usize]).or_default().push((moved(v, axis), face));
         }
     }
-    for mut here in corners.into_values() {
+    let mut corners: Vec<u32> = Vec::new();
+    for mut here in at.into_values() {
         here.sort_unstable();
         here.dedup();
+        corners.extend(here.iter().map(|(corner, _)| corner));
         // Strips that part from one another are joined, from either side.
         for pair in here.windows(2) {
             let [(p, of_p), (q, of_q)] = [pair[0], pair[1]];
@@ -202,10 +232,33 @@ pub(crate) fn skirts(mesh: &Mesh, cell: CellKey, lattice: &Lattice, budget: f64)
             groups.entry(of_p | of_q).or_default().extend([top, p, q, top, q, p]);
         }
     }
+    corners.sort_unstable();
+    corners.dedup();
+    let number = |corner: u32| corners.partition_point(|&other| other < corner) as u32;
+    let first = mesh.positions.len() as u32;
     for (faces, indices) in groups {
         out.groups.push(SkirtGroup { faces, triangles: indices.len() as u32 / 3 });
-        out.indices.extend(indices);
+        out.indices.extend(indices.iter().map(|&index| match index & MOVED {
+            0 => index,
+            _ => (first + number(index)) | (index & !(VERTICES_MAX - 1)),
+        }));
     }
+    for (face, lines) in out.lines.iter_mut().enumerate() {
+        let here: Vec<&Edge> = edges.iter().filter(|e| on_both(e) & 1 << face != 0).collect();
+        let place = |v: u32| within_face(mesh.positions[v as usize], face);
+        let mut points: Vec<[i32; 2]> =
+            here.iter().flat_map(|edge| edge.vertices.map(place)).collect();
+        points.sort_unstable();
+        points.dedup();
+        let point = |v: u32| points.partition_point(|p| *p < place(v)) as u32;
+        let edge = |edge: &&Edge| LineEdge {
+            points: edge.vertices.map(point),
+            corners: edge.vertices.map(|v| number(moved(v, edge.axis()))),
+        };
+        let edges = here.iter().map(edge).collect();
+        *lines = FaceLines::new(points, edges);
+    }
+    out.corners = corners.iter().map(|corner| corner & (VERTICES_MAX - 1)).collect();
     out
 }
 
@@ -273,12 +326,15 @@ mod tests {
         let mesh = Mesh { positions, normals, triangles, ..Mesh::default() };
         let none = skirts(&mesh, cell, &lattice, 2.0 * f64::from(units));
         assert!(none.indices.is_empty() && none.groups.is_empty(), "too small");
-        let Skirts { indices, groups, borders } = skirts(&mesh, cell, &lattice, 1.0);
+        let Skirts { indices, groups, borders, corners, lines } =
+            skirts(&mesh, cell, &lattice, 1.0);
         assert_eq!(none.borders, borders, "whether there are strips does not matter");
         let expected = [(1, 2), (2, 2), (1 | 2, 2), (8, 2), (2 | 8, 2)];
         assert_eq!(groups.iter().map(|g| (g.faces, g.triangles)).collect::<Vec<_>>(), expected);
         assert_eq!(borders.map(|sum| sum != 0), [true, true, false, true, false, false]);
-        let moved = |v: u32, axis: u32| v | MOVED | axis << AXIS_SHIFT;
+        // Copies come after the vertices, those of the faces across x first.
+        assert_eq!(corners, [0, 1, 2, 3, 0, 1]);
+        let moved = |v: u32, axis: u32| (4 + v + 4 * axis) | MOVED | axis << AXIS_SHIFT;
         let of =
             |a: u32, b: u32, axis: u32| [a, moved(a, axis), b, b, moved(a, axis), moved(b, axis)];
         let corner = |v: u32| {
@@ -287,6 +343,14 @@ mod tests {
         };
         let expected = [of(3, 0, 0), of(0, 1, 1), corner(0), of(1, 2, 0), corner(1)].concat();
         assert_eq!(indices, expected);
+        // Across x places are y and z, across y they are z and x.
+        let line =
+            |points: [[i32; 2]; 2], edge: LineEdge| FaceLines::new(points.to_vec(), vec![edge]);
+        let edge = |points, corners| LineEdge { points, corners };
+        assert_eq!(lines[0], line([[0, 5], [9, 5]], edge([1, 0], [3, 0])));
+        assert_eq!(lines[1], line([[5, 0], [5, units]], edge([0, 1], [4, 5])));
+        assert_eq!(lines[3], line([[0, 5], [9, 5]], edge([0, 1], [1, 2])));
+        assert!([2, 4, 5].iter().all(|&face| lines[face] == FaceLines::default()));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! What a whole picture wants, found before any of its parts is drawn.
 //!
 //! Parts of a picture ask for nothing but what they show, so that their sum may be larger than any
-//! memory. How far skirts reach, from where casters count and how light is laid out depends on all that
+//! memory. How far skirts reach at most, from where casters count and how light is laid out depends on all that
 //! is seen: it is found once, from the octree alone, and holds for every part.
 
 use glam::DVec2;
@@ -14,8 +14,8 @@ use crate::loader::Part;
 use crate::model::Model;
 use crate::passes::Targets;
 use crate::scene::{Shadow, Shot};
+use crate::seams::{REACH_MAX, reach_most};
 use crate::select::{Front, View, select};
-use crate::skirts;
 
 /// What holds for all parts of one picture.
 #[derive(Debug, Clone, Default)]
@@ -38,7 +38,6 @@ pub struct Survey {
 /// What all of a front has in common.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Whole {
-    border_px: f64,
     border_error: f64,
     /// How far what is drawn of a node may lie outside its box.
     pub(crate) beyond_px: f64,
@@ -46,18 +45,12 @@ pub(crate) struct Whole {
 
 impl Whole {
     fn of(front: &Front, beyond_px: f64) -> Whole {
-        Whole { border_px: front.border_px, border_error: front.border_error, beyond_px }
+        Whole { border_error: front.border_error, beyond_px }
     }
 
-    /// How far skirts of what casts reach, where a step of the lattice is so long.
+    /// How far skirts reach at most, where a step of the lattice is so long.
     pub(crate) fn skirt_reach(&self, step: f64) -> f64 {
-        skirts::reach(self.border_error, step)
-    }
-
-    /// Gives a part's front the borders of the whole.
-    pub(crate) fn widen(&self, front: &mut Front) {
-        front.border_px = front.border_px.max(self.border_px);
-        front.border_error = front.border_error.max(self.border_error);
+        reach_most(self.border_error, step)
     }
 }
 
@@ -110,7 +103,7 @@ impl Survey {
         let mut all = Survey { boxes, ..Survey::default() };
         let whole = |(model, front): (&Model, &Front)| {
             let view = View::of_shot(shot, model.world_from_model(), (width, height));
-            let mut beyond_px = 2.0 * front.border_px;
+            let mut beyond_px = REACH_MAX * front.border_px;
             for draw in &front.draws {
                 let node = &model.skeleton().nodes()[draw.node as usize];
                 let r = &node.representations[draw.representation];

@@ -5,14 +5,6 @@ use hlod_compress::Header;
 
 use crate::passes::{FrameUniform, Targets};
 use crate::scene::{Light, Paint, Shadow, Shot, Spot};
-use crate::select::Front;
-
-/// World units that a pixel shows at depth 1, or anywhere in parallel projection.
-pub(crate) fn world_per_pixel(shot: &Shot, targets: &Targets) -> f64 {
-    let (width, height) = targets.window().picture();
-    let (width, height) = (f64::from(width), f64::from(height));
-    2.0 * shot.camera.half_extent(width / height).y / height
-}
 
 /// What shaders know of a frame and one arena of a model.
 pub(crate) fn uniform(
@@ -50,7 +42,6 @@ pub(crate) fn uniform(
         eye,
         light,
         material: shot.material.albedo.extend(shot.material.highlight),
-        skirt: Vec4::ZERO,
         light_from_model: Mat4::IDENTITY,
         shadow: Vec4::new(flag(shot.shadow != Shadow::None), 0.0, 0.0, 0.0),
         bias: Vec4::new(0.0, flag(window.is_part), 0.0, 0.0),
@@ -90,25 +81,4 @@ pub(crate) fn scalar(paint: Paint, header: &Header) -> Vec4 {
 pub(crate) fn points_uniform(clip_from_model: &Mat4, parallel: bool, step: f32) -> Vec4 {
     let row = |i: usize| 1.0 / clip_from_model.row(i).truncate().length();
     Vec4::new(row(0), row(1), row(if parallel { 2 } else { 3 }), step)
-}
-
-/// How far skirts reach, for one model: see [`crate::skirts`] and `Frame` in `shared.wgsl`.
-pub(crate) fn skirt(
-    front: &Front,
-    world_from_model: &DMat4,
-    step: f64,
-    shot: &Shot,
-    targets: &Targets,
-) -> Vec4 {
-    if !shot.draw_skirts {
-        return Vec4::ZERO;
-    }
-    // Both sides of a seam may be wrong. Nearer than its error no node has a bound; what covers the
-    // picture is enough.
-    let pixels = (2.0 * front.border_px).min(targets.window().picture_height.into());
-    let scale = world_from_model.x_axis.truncate().length();
-    let of_depth = pixels * world_per_pixel(shot, targets) / scale;
-    // Borders are as far from their place as they are, however near the eye comes.
-    let at_most = 2.0 * front.border_error;
-    Vec4::new(of_depth as f32, 2.0 * step as f32, at_most as f32, 0.0)
 }

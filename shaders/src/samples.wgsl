@@ -63,7 +63,7 @@ fn place(@builtin(global_invocation_id) id: vec3<u32>) {
         across = octahedral(vertices[corners.x & VERTEX].normal);
         let to_eye = select(frame.eye.xyz, frame.eye.xyz - seen.world, frame.eye.w > 0.5);
         is_back = dot((frame.world_from_model * vec4(across, 0.0)).xyz, to_eye) < 0.0;
-        error += skirt_reach(seen.depth) * length(frame.world_from_model[0].xyz);
+        error += skirt_reach(corners) * length(frame.world_from_model[0].xyz);
     }
     let normal = normal_in_light_space(select(across, -across, is_back));
     let sample = sample_of(seen.model, normal, error);
@@ -73,6 +73,17 @@ fn place(@builtin(global_invocation_id) id: vec3<u32>) {
     } else if (sample.place == UNBINNED) & (frame.shadow.w > 0.0) {
         atomicStore(&occlusion[pixel], u32(below_horizon(seen.model, normal) * f32(HIDDEN)));
     }
+}
+
+// How far a triangle of a skirt reaches at most, model space.
+fn skirt_reach(corners: vec3<u32>) -> f32 {
+    var reach = 0.0;
+    for (var k = 0u; k < 3u; k++) {
+        if (corners[k] & MOVED) != 0u {
+            reach = max(reach, reach_of(vertices[corners[k] & VERTEX].normal));
+        }
+    }
+    return reach;
 }
 
 // In the light's axes: across its picture and away from it.

@@ -15,8 +15,6 @@ struct Frame {
     light: vec4<f32>,
     // rgb: linear light of the material; a: strength of the highlight.
     material: vec4<f32>,
-    // How far skirts reach into the surface, in model space: x for each unit of clip.w, at most z, plus y.
-    skirt: vec4<f32>,
     // x: ambient share; y: 1 where vertices carry colours; z: 1 to paint backs magenta;
     // w: 1 where backs are drawn like fronts.
     shading: vec4<f32>,
@@ -25,8 +23,8 @@ struct Frame {
     // x: 1 where occlusion is known. Of the light's face: y: least w that is drawn; z: largest
     // |x| / w and |y| / w, 0 for no limit; w: radius of the disc, or of parallel light its tangent.
     shadow: vec4<f32>,
-    // x: what rounding may do to positions, world space; y: 1 where parts of a picture must agree; w: 1 where
-    // planes that cut the statue open show cut faces.
+    // x: what rounding may do to positions, world space; y: 1 where parts of a picture must agree; z: 1 where what is
+    // drawn casts shadows; w: 1 where planes that cut the statue open show cut faces.
     bias: vec4<f32>,
     // Points: model lengths of clip.x, of clip.y, and of clip.w (in parallel views of clip.z), and of a
     // lattice step.
@@ -58,7 +56,8 @@ struct Vertex {
     x: f32,
     y: f32,
     z: f32,
-    // Two 16-bit components on the octahedron, −511 to 511.
+    // Two components on the octahedron, −511 to 511, in the upper ten bits of each half. Below them two codes of a skirt's
+    // lower corner: how far it is moved where it is drawn, and where it casts shadows.
     normal: u32,
 }
 
@@ -90,15 +89,16 @@ fn is_point(number: u32) -> bool {
 }
 
 fn octahedral(code: u32) -> vec3<f32> {
-    let xy = vec2(f32(i32(code << 16u) >> 16u), f32(i32(code) >> 16u)) / 511.0;
+    let xy = vec2(f32(i32(code << 16u) >> 22u), f32(i32(code) >> 22u)) / 511.0;
     let z = 1.0 - abs(xy.x) - abs(xy.y);
     let folded = (1.0 - abs(xy.yx)) * select(vec2(-1.0), vec2(1.0), xy >= vec2(0.0));
     return normalize(vec3(select(folded, xy, z >= 0.0), z));
 }
 
-// How far skirts reach at a depth, model space.
-fn skirt_reach(depth: f32) -> f32 {
-    return min(frame.skirt.x * max(depth, 0.0), frame.skirt.z) + frame.skirt.y;
+// How far a skirt's lower corner is moved, model space: a half octave a code from two lattice steps up.
+fn reach_of(normal: u32) -> f32 {
+    let code = select(normal, normal >> 16u, frame.bias.z > 0.5) & 63u;
+    return select(exp2(0.5 * f32(code) + 0.5) * frame.points.w, 0.0, code == 0u);
 }
 
 // Model space, of an index as `indices` has it.
@@ -114,8 +114,7 @@ fn position_of(index: u32) -> vec3<f32> {
     let inward_length = length(inward);
     // Where the surface runs along the face there is no inside within it.
     let direction = select(-normal, inward / inward_length, inward_length > 0.05);
-    let depth = (frame.clip_from_model * vec4(position, 1.0)).w;
-    return position + direction * skirt_reach(depth);
+    return position + direction * reach_of(v.normal);
 }
 
 // Pixels are counted in the picture, words and samples in the part of it that is drawn: whatever is

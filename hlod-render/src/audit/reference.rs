@@ -70,10 +70,9 @@ impl Reference {
             for &v in triangles.iter().flatten() {
                 let index = *index_of.entry(v).or_insert_with(|| {
                     let v = v as usize;
-                    mesh.vertices.push(GpuVertex {
-                        position: (scan.positions[v] - origin).as_vec3().to_array(),
-                        normal: OctNormal::encode(scan.normals[v].to_array()).0,
-                    });
+                    let normal = OctNormal::encode(scan.normals[v].to_array());
+                    let position = (scan.positions[v] - origin).as_vec3().to_array();
+                    mesh.vertices.push(GpuVertex::new(position, normal));
                     mesh.colours.extend(scan.colours.get(v));
                     mesh.vertices.len() as u32 - 1
                 });
@@ -152,7 +151,6 @@ impl Reference {
         let part = |uniform: &FrameUniform| LitPart {
             uniform: *uniform,
             world_from_model: self.world_from_model,
-            skirt_reach: 0.0,
         };
         let parts: Vec<LitPart> = uniforms.iter().map(|(uniform, _)| part(uniform)).collect();
         let faces = lit.face_uniforms(&parts);

@@ -20,16 +20,14 @@ pub struct FrameUniform {
     pub light: Vec4,
     /// Linear albedo and highlight.
     pub material: Vec4,
-    /// Reach of skirts for each unit of depth, what is added, and what the former is at most; model space.
-    pub skirt: Vec4,
     /// Ambient share; colours; backs magenta; backs lit like fronts.
     pub shading: Vec4,
     /// Model space → light space.
     pub light_from_model: Mat4,
     /// Whether occlusion is known; of a light's face: least w, largest tangent or 0.
     pub shadow: Vec4,
-    /// What rounding may do to positions, world space; whether parts of a picture must agree; nothing;
-    /// whether cut faces are painted.
+    /// What rounding may do to positions, world space; whether parts of a picture must agree; whether what is drawn casts
+    /// shadows; whether cut faces are painted.
     pub bias: Vec4,
     /// Points: model lengths of clip.x, of clip.y, and of clip.w or, in parallel views, clip.z; and of a
     /// lattice step.

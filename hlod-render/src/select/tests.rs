@@ -9,7 +9,7 @@ use super::*;
 
 const UNITS: i32 = 1 << 12;
 
-fn lattice() -> Lattice {
+pub(crate) fn lattice() -> Lattice {
     Lattice {
         origin: [-1.0; 3],
         step: 2.0 / f64::from(UNITS),
