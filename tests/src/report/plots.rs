@@ -42,6 +42,8 @@ fn draw(
     let mut chart = ChartBuilder::on(&area)
         .caption(caption, ("sans-serif", 16))
         .margin(10)
+        // Half of the last number along the axis.
+        .margin_right(32)
         .x_label_area_size(36)
         .y_label_area_size(60)
         .build_cartesian_2d(0.0..right, 0.0..top.max(1e-9))?;
@@ -59,4 +61,28 @@ fn draw(
         .draw()?;
     area.present()?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_lie_within_the_picture() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("plot.svg");
+        let points = vec![(0.0, 1.0), (350_000.0, 3.0)];
+        plot_curves(&path, "caption", ("frame", "ms"), &[Curve { name: "one", points }]).unwrap();
+        let svg = std::fs::read_to_string(path).unwrap();
+        let mut numbers = 0;
+        for text in svg.split("<text ").skip(1).filter(|text| text.contains("\"middle\"")) {
+            let x: f64 = text.split('"').nth(1).and_then(|x| x.parse().ok()).expect("its place");
+            let label = text.split(['>', '<']).nth(1).expect("its text").trim();
+            // Digits of the sizes in use are no wider.
+            let half = 3.5 * label.chars().count() as f64;
+            assert!(x - half >= 0.0 && x + half <= 900.0, "{label} at {x}");
+            numbers += u32::from(label.starts_with('3'));
+        }
+        assert!(numbers > 0, "the axis has numbers");
+    }
 }
