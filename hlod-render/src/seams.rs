@@ -11,8 +11,8 @@
 //! segment is convex, and where the other line bends in between it has a vertex there, whose distance counts as
 //! well. An edge's strip therefore reaches twice the largest distance of all vertices, of either line, that are no farther
 //! from the edge than the slit's bound: twice, because it hangs in the direction of the surface's normals, which may
-//! lean by up to 60° from the shortest way; and two steps of the lattice more, since both lines are rounded. What has
-//! no line opposite, because the node beside has given up a part that is smaller than its error, is as far as the
+//! lean by up to 60° from the shortest way; and two steps of the lattice more, since both lines are rounded. (Of normals
+//! that lean more nothing is known but what `audit --seams` finds.) What has no line opposite, because the node beside has given up a part that is smaller than its error, is as far as the
 //! bound. Whatever was measured, no strip reaches farther than twice the larger of the two lines' bounds, and the steps.
 //!
 //! Where nothing is drawn beside a node, since it is not seen or shows only backs, its own bound is what its line may be off.

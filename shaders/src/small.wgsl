@@ -39,8 +39,9 @@ const POINT_EXTENT_MAX: f32 = 24.0;
 const SUBPIXELS: f32 = 256.0;
 // Larger triangles, in sub-pixels, are fixed function's: its edges would overflow here, too.
 const EXTENT_MAX: f32 = 8192.0;
-// The same where what is larger goes to `spread`, which is slow. Twice its square is still an i32.
-const EXTENT_MAX_OF_PARTS: f32 = 24000.0;
+// The same at the picture's sides, and where what is larger goes to `spread`, which is slow. Twice its square is still an
+// i32.
+const EXTENT_MAX_LEAVING: f32 = 24000.0;
 
 // First and last pixel of the part of the picture that is drawn.
 fn window_low() -> vec2<i32> {
@@ -132,7 +133,10 @@ fn small_triangle(chunk: Chunk, triangle: u32) {
     let fc = c.xy / c.w * scale + middle;
     let low = min(min(fa, fb), fc);
     let high = max(max(fa, fb), fc);
-    let extent_max = select(EXTENT_MAX, EXTENT_MAX_OF_PARTS, frame.bias.y > 0.5);
+    // At the picture's sides fixed function may clip, and round where an edge leaves the picture: the edge of the triangle
+    // beside, which was not, is then a little elsewhere.
+    let leaves = any(low < vec2(0.0)) || any(high > vec2<f32>(frame.size.xy) * SUBPIXELS);
+    let extent_max = select(EXTENT_MAX, EXTENT_MAX_LEAVING, (frame.bias.y > 0.5) | leaves);
     // Beside the part of the picture that is drawn; the ends of what is clipped are elsewhere.
     let beside = any(high < vec2<f32>(window_low()) * SUBPIXELS)
         || any(low > vec2<f32>(window_high() + 1) * SUBPIXELS);

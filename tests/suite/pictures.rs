@@ -160,6 +160,28 @@ fn compute_and_fixed_function_show_the_same() {
     }
 }
 
+/// Some triangles are drawn in compute and some in fixed function, which clips those that leave the picture: no pixel is
+/// missed between them.
+#[test]
+fn nothing_shows_between_compute_and_fixed_function() {
+    let mut b = ball(100);
+    let mut renderer = Renderer::new(&b.gpu, PICTURE_FORMAT);
+    let mut open = Vec::new();
+    for i in 0..120 {
+        // So near that the ball fills the picture, and triangles are some 15 to 60 pixels large.
+        let (turn, height) = (2.4 * f64::from(i), 0.9 - 1.8 * (f64::from(i) + 0.5) / 120.0);
+        let across = (1.0 - height * height).sqrt();
+        let towards = DVec3::new(across * turn.sin(), height, across * turn.cos());
+        let mut shot = shot(&b.framing, Representation::Full);
+        shot.camera.eye = shot.camera.target + towards * (1.35 + 0.004 * f64::from(i));
+        shot.camera.near = 0.01;
+        let (identities, _) = layers(&mut b, &mut renderer, &shot);
+        let empty = (0..identities.len()).filter(|&p| identities[p] == 0);
+        open.extend(empty.map(|p| (i, p % 320, p / 320)));
+    }
+    assert!(open.is_empty(), "view, pixel: {open:?}");
+}
+
 /// More triangles than one binding could list: each arena has its own list.
 #[test]
 fn any_number_of_triangles_is_drawn() {
