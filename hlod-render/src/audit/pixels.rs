@@ -190,7 +190,9 @@ pub(super) fn find_seams(
         for x in 0..width {
             let p = y * width + x;
             let ring = rings[p];
-            if drawn.covered[p] && !ring.any_covered {
+            // At the picture's edge it may belong to what lies beyond.
+            let outside = drawn.covered[p] && !ring.any_covered;
+            if outside && reference.holds(x, y, scale.margin_px) {
                 seams.overdraw.push(p);
             }
             // From within a body backs are what there is to be seen.

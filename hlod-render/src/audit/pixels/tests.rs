@@ -187,6 +187,19 @@ fn planted_slits_and_strips_are_found() {
     assert!(deep > 8 && deep < found.len(), "{deep}: a slit is one in any case");
 }
 
+/// Beyond the picture's edge there may be what a pixel there belongs to; one further in is alone.
+#[test]
+fn what_is_outside_at_the_picture_s_edge_is_not_told() {
+    let at = |x: usize| {
+        let mut drawn = good();
+        let p = 20 * W + x;
+        (drawn.covered[p], drawn.depth[p]) = (true, 5.0);
+        score(&drawn, &drawn, &truth(), &SCALE).overdraw
+    };
+    assert!(at(0).is_empty() && at(W - 1).is_empty());
+    assert_eq!((at(1), at(W - 2)), (vec![20 * W + 1], vec![20 * W + W - 2]));
+}
+
 /// A speck that is smaller than samples are apart, where the drawing has its sample.
 #[test]
 fn what_only_the_middle_of_a_pixel_shows_is_no_overdraw() {
