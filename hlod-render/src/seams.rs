@@ -9,11 +9,11 @@
 //! So the distance from the vertices of either line to the other line is measured, at most the slit's bound. Between
 //! two consecutive vertices' feet on the other line a line is no farther than at one of them, because the distance to a
 //! segment is convex, and where the other line bends in between it has a vertex there, whose distance counts as
-//! well. An edge's strip therefore reaches twice the largest distance of all vertices, of either line, that are no farther
-//! from the edge than the slit's bound: twice, because it hangs in the direction of the surface's normals, which may
-//! lean by up to 60° from the shortest way; and two steps of the lattice more, since both lines are rounded. (Of normals
+//! well. An edge's strip therefore reaches four times the largest distance of all vertices, of either line, that are no farther
+//! from the edge than the slit's bound: four times, because it hangs in the direction of the surface's normals, which may
+//! lean by up to 75° from the shortest way; and two steps of the lattice more, since both lines are rounded. (Of normals
 //! that lean more nothing is known but what `audit --seams` finds.) What has no line opposite, because the node beside has given up a part that is smaller than its error, is as far as the
-//! bound. Whatever was measured, no strip reaches farther than twice the larger of the two lines' bounds, and the steps.
+//! bound. Whatever was measured, no strip reaches farther than four times the larger of the two lines' bounds, and the steps.
 //!
 //! Where nothing is drawn beside a node, since it is not seen or shows only backs, its own bound is what its line may be off.
 //!
@@ -37,7 +37,7 @@ mod slit;
 use slit::{Square, holds, widths};
 
 /// Strips lean by no more than has this cosine's inverse from the shortest way across a slit.
-const LEANING: f64 = 2.0;
+const LEANING: f64 = 4.0;
 
 /// How many times the larger bound of two lines a strip reaches at most, besides the lattice's steps; codes round up.
 pub(crate) const REACH_MAX: f64 = LEANING * std::f64::consts::SQRT_2;
@@ -346,9 +346,9 @@ mod tests {
                     let code = n & ((1 << CODE_BITS) - 1);
                     2f64.powf((f64::from(code) + 1.0) / 2.0)
                 });
-                // Twice three steps, and two for rounding; alone, twice as far as its own node's bound and a step. Codes
+                // Four times three steps, and two for rounding; alone, four times its own node's bound and a step. Codes
                 // are up to half an octave more.
-                for (length, least) in lengths.into_iter().zip([8.0, 82.0]) {
+                for (length, least) in lengths.into_iter().zip([14.0, 164.0]) {
                     assert!((least..=least * 1.415).contains(&length), "{length} {least}");
                 }
             }

@@ -230,6 +230,6 @@ pub(super) mod tests {
         assert_eq!(uncovered(1, 1.0), 0.0);
         assert_eq!(uncovered(2, 1.0), 0.0);
         // Shorter ones would not.
-        assert!(uncovered(1, 0.2) > 0.01);
+        assert!(uncovered(1, 0.1) > 0.01);
     }
 }
